@@ -38,8 +38,8 @@ CHAPTERS: dict[str, tuple[str, Iterable[str]]] = {  # when they are written, and
          *posterior.FILES, *posterior.PICTURES, *suspend.FILES, *suspend.PICTURES),
     ),
     "Plans of a search": ("`drift plan`.", (*planner.FILES, *planner.PICTURES, "plan-A-1.png")),
-    "Spills": ("Where a case has a `[spill]`.", (*spill.FILES, *spill.PICTURES)),
-    "Plans of patrols": ("`drift plan` of a spill.", (*patrols.FILES, *patrols.PICTURES)),
+    "Spills": ("Where a case has a `[spill]`.", (*spill.FILES, *spill.FIND_FILES, *spill.PICTURES)),
+    "Plans of patrols": ("`drift plan` of a spill.", (*patrols.FILES, *patrols.LEFT_OUT_FILES, *patrols.PICTURES)),
     "Origins": ("`drift origin`.", (*backtrack.FILES, *backtrack.PICTURES)),
     "Comparisons": ("`drift compare`.", (*contrast.FILES, *contrast.PICTURES)),
     "Verifications": ("`drift verify`.", (*drifters.FILES, *drifters.PICTURES)),
@@ -48,9 +48,9 @@ WHERE = {  # the run whose file is looked at
     "forecast.nc": "overdue_boat", "particles.nc": "overdue_boat", "track.csv": "overdue_boat", "ashore.csv": "overdue_boat",
     "sorties.csv": "overdue_boat", "posteriors.csv": "overdue_boat", "lines.csv": "small-run",
     "washup.nc": "gulf_containers", "washup.csv": "gulf_containers", "washup_times.csv": "gulf_containers",
-    "totals.csv": "gulf_containers", "unknowns.csv": "gulf_containers",
+    "totals.csv": "gulf_containers", "finds.csv": "gulf_containers", "unknowns.csv": "gulf_containers",
     "origin.nc": "small-origin", "origin.csv": "small-origin",
-    "patrols.csv": "small-patrols", "compare.nc": "small-compare", "compare.csv": "small-compare", "verify.nc": "small-verify", "verify.csv": "small-verify",
+    "patrols.csv": "small-patrols", "patrols_left_out.csv": "small-patrols", "compare.nc": "small-compare", "compare.csv": "small-compare", "verify.nc": "small-verify", "verify.csv": "small-verify",
 }  # fmt: skip
 EXTENT = re.compile(r"geospatial_|time_coverage_|Conventions|keywords|standard_name_vocabulary")
 

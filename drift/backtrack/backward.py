@@ -69,6 +69,7 @@ LEAST = 1.0001 * np.exp(-(CUT**2) / 2)  # height of a kernel there, with room fo
 BATCH = 100  # worlds whose densities are computed at once, to bound the memory
 SECOND = np.timedelta64(1, "s")
 ROUGH = "place and time are rough"
+LITTLE = 0.25  # [bit] below which finds are said to tell nothing: a normal law moved by half its width has 0.18
 
 
 @dataclass(frozen=True)
@@ -361,7 +362,26 @@ def count(origin: Origin) -> Count:
 def warnings(origin: Origin) -> list[str]:
     """Return warnings of what is not reliable in an origin."""
     few_worlds = effective.sentence(count(origin), "after the finds", f"{ROUGH}; look for a find that fits no other")
-    return [few_worlds] if count(origin).few else []
+    told = [few_worlds] if count(origin).few else []
+    return told + ([nothing_new(origin)] if information(origin) < LITTLE else [])
+
+
+def information(origin: Origin) -> float:
+    """Return what the finds say beyond the prior of the release [bit]: the posterior's divergence from it.
+
+    Kullback and Leibler 1951, doi:10.1214/aoms/1177729694.
+    """
+    there = origin.probability > 0
+    share, before = origin.probability[there], origin.prior[there]
+    return max(float((share * np.log2(share / before)).sum()), 0.0)
+
+
+def nothing_new(origin: Origin) -> str:
+    """Return in words that the finds leave the release as it was."""
+    return (
+        f"the finds say next to nothing of the release beyond what the case gave ({information(origin):.2f} bit): place and "
+        "time are those of [spill], and no result of these finds; to learn from them give a wider area, or more finds"
+    )
 
 
 def dataset(origin: Origin) -> xr.Dataset:
@@ -447,6 +467,7 @@ def summary(origin: Origin) -> dict[str, float | str]:
     cumulative = np.concatenate([[0.0], np.cumsum(when)])
     for share in (10, 50, 90):
         row[f"time_{share}"] = _utc(float(np.interp(share / 100, cumulative, time_edges)))
+    row["information_bit"] = information(origin)
     row["worlds"], row["effective_worlds"] = float(origin.worlds), origin.effective
     return row
 

@@ -23,6 +23,7 @@ from drift.spill.records import DAY, FEWEST_PARTICLES, Find, Kind, Patrol, Repor
 from geo import notation
 
 MOST_CLASSES = 4
+ROUNDED = 0.01 + 1e-9  # by which classes' shares may miss 1: each rounded to two digits
 MOST_DAYS = 60  # of a patrol_unit
 FEWEST_WORLDS = 50
 LONGEST = 366 * DAY  # [s] over which objects of one world go adrift
@@ -62,8 +63,8 @@ class KindTable(fields.Table):
 
     name: fields.Label
     """What tables call the class."""
-    share: fields.Weight = 1.0
-    """Of the objects, beside the other classes."""
+    share: fields.Weight | None = None
+    """Of the objects; shares add up to 1. Without it, an equal part of what the others leave."""
     object: Annotated[ObjectTable, BeforeValidator(lambda value: {"name": value} if isinstance(value, str) else value)]
     """What drifts, as of a scenario."""
     jibe: fields.Rate | None = None
@@ -71,11 +72,11 @@ class KindTable(fields.Table):
     sinking: SinkingTable | None = None
     """How objects sink; without it they do not."""
 
-    def kind(self, total: float) -> Kind:
-        """Return the record; total: of all classes' shares."""
+    def kind(self, share: float) -> Kind:
+        """Return the record; share: of all objects."""
         drifter = self.object.drifter()
         jibe = self.jibe if self.jibe is not None else (JIBE_RATE if drifter.jibes else 0.0)
-        return Kind(self.name, self.share / total, drifter, jibe, self.sinking.sinking() if self.sinking else None)
+        return Kind(self.name, share, drifter, jibe, self.sinking.sinking() if self.sinking else None)
 
 
 def _rates(value: Any) -> dict[str, float]:
@@ -171,8 +172,7 @@ class SpillTable(fields.Table):
     def whole(self) -> "SpillTable":
         """Refuse a spill with no place or two, no objects of any class, or too few worlds."""
         fields.one_of(self, ("position", "area", "trackline"))
-        if math.fsum(kind.share for kind in self.kinds) <= 0:
-            raise ValueError("shares of the classes add up to 0; at least one must be above 0")
+        self.shares()
         names = [kind.name for kind in self.kinds]
         for name in names:
             if names.count(name) > 1:
@@ -189,6 +189,20 @@ class SpillTable(fields.Table):
             if particles > min(most, 2**31 - 1):
                 raise ValueError(f"worlds x per_world = {particles:,} particles; this machine has room for {most:,}")
         return self
+
+    def shares(self) -> list[float]:
+        """Return the classes' shares of the objects, which add up to 1; refuse those that do not."""
+        told = math.fsum(kind.share or 0.0 for kind in self.kinds)
+        untold = sum(kind.share is None for kind in self.kinds)
+        if untold and told < 1:
+            return [(1 - told) / untold if kind.share is None else kind.share for kind in self.kinds]
+        if untold or abs(told - 1) > ROUNDED:
+            each = ", ".join(
+                f"{kind.name} {'not given' if kind.share is None else f'{kind.share:g}'}" for kind in self.kinds
+            )
+            rest = ", and leave something for a class without one" if untold else ""
+            raise ValueError(f"shares of the classes add up to {told:g} ({each}); they must add up to 1{rest}")
+        return [(kind.share or 0.0) / told for kind in self.kinds]
 
     def particles(self) -> int:
         """Return the particles of a world: as many as there are objects, at least 500, at most 2,000."""
@@ -321,7 +335,6 @@ def build(
 
     Raises UserError for all finds and patrols that don't fit the spill.
     """
-    total = math.fsum(kind.share for kind in table.kinds)
     prior = table.prior(start)
     wrong = Mistakes()
     patrols = tuple(_patrol(patrol, start) for patrol in patrol_tables)
@@ -335,7 +348,7 @@ def build(
     wrong.refuse()
     spill = Spill(
         objects=table.objects,
-        kinds=tuple(kind.kind(total) for kind in table.kinds if kind.share > 0),
+        kinds=tuple(kind.kind(share) for kind, share in zip(table.kinds, table.shares(), strict=True) if share > 0),
         prior=prior,
         release_std=table.release_std,
         release_duration=table.release_duration,

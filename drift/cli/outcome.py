@@ -11,10 +11,12 @@ from drift.planner import subareas
 from drift.planner import text as plan_text
 from drift.planner.records import Plan, Tasking
 from drift.spill import tables as washup_tables
+from drift.spill import verdict
 from geo.notation import NMI, group, position
 
 WORTH_A_WARNING = 0.01  # share of the probability lost from which a line says so
 WORST = 5  # stretches of coast that are listed
+DENSEST = 3  # of those with most objects per km
 
 TIMES = ("time", "time_10", "time_50", "time_90")  # in the summary of an origin
 
@@ -75,7 +77,9 @@ def numbers(last: dict[str, Any]) -> dict[str, Any]:
             if update["kind"] == "sortie"
         ]
     if "spill" in last:
-        told |= {key: last["spill"][key] for key in ("totals", "worst_stretches", "effective_worlds")}
+        told |= {
+            key: last["spill"][key] for key in ("totals", "worst_stretches", "effective_worlds", "finds", "silence")
+        }
     return told
 
 
@@ -190,19 +194,27 @@ def spill(numbers: dict[str, Any]) -> Facts:
     facts = {"time": end["date_time_group"]}
     for fate, figure in washup["totals"].items():
         if figure["expected"] >= 0.05:
-            facts[fate] = f"{figure['expected']:.1f} +- {figure['standard_error']:.1f} objects"
+            facts[fate] = _number(figure)
     for place in washup["worst_stretches"][:WORST]:
         name = washup_tables.called(place["segment"], place["name"], place["position"])
         facts[f"{place['rank']} {name}"] = (
-            f"{place['expected']:.1f} ashore ({place['number_10']:.0f} to {place['number_90']:.0f}), at least one "
-            f"{_percent(place['probability'])}, the first about {_group(place['first_50'])}"
+            f"{place['number_10']:.0f} to {place['number_90']:.0f} ashore (10 to 90 %), {place['expected']:.1f} on average, "
+            f"at least one {_percent(place['probability'])}, the first about {_group(place['first_50'])}"
+            f"{_near(place)}"
+        )
+    if dense := washup["densest_stretches"][:DENSEST]:
+        facts["most per km"] = "; ".join(
+            f"{washup_tables.called(place['segment'], place['name'], place['position'])} ({place['expected_per_km']:.2g} a km)"
+            for place in dense
         )
     for find in washup["finds"]:
         odd = "; ODD, check it" if find["odd"] else ""
         facts[f'find {find["number"]} "{find["name"]}"'] = (
             f"{find['stretch']}: the next find was to be here with {_percent(find['probability_beforehand'])}, "
-            f"somewhere at most as likely with {_percent(find['tail'])}{odd}"
+            f"somewhere at most as likely with {_percent(find['tail'])}; {verdict.ours(find)}{odd}"
         )
+    if washup["silence"]:
+        facts["taken for granted"] = washup["silence"]
     for patrol in washup["patrols"]:
         facts[f'patrol "{patrol["name"]}"'] = (
             f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km of shoreline, finds "
@@ -217,6 +229,25 @@ def spill(numbers: dict[str, Any]) -> Facts:
     for number, note in enumerate(washup["notes"], 1):
         facts[f"note {number}"] = note
     return facts | _lost(numbers)
+
+
+def _near(place: dict[str, Any]) -> str:
+    """Return the nearest town of a stretch that has no name of its own."""
+    return (
+        f", {place['near_km']:.0f} km from {place['near']}"
+        if place["near"] and place["position"] in place["name"]
+        else ""
+    )
+
+
+def _number(figure: dict[str, float]) -> str:
+    """Return a number of objects in words: the range over simulated spills first, then the mean and its own error."""
+    low, high, mean = (figure[name] for name in ("number_10", "number_90", "expected"))
+    span = f"{low:.0f} to {high:.0f} objects" if high > low else f"{low:.0f} object{'s' * (low != 1)}"
+    if low == high and abs(mean - low) < 1e-9:
+        return span
+    error = f"Monte Carlo error of that mean {figure['standard_error']:.2g}"
+    return f"{span} (10 to 90 %), {mean:.1f} on average ({error})"
 
 
 def origin(release: dict[str, Any], warnings: Sequence[str] = ()) -> Facts:

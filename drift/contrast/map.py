@@ -78,6 +78,10 @@ def draw(found: Contrast, path: Path, setting: Setting) -> None:
     )  # fmt: skip
     areas = "; ".join(f"{row.name} area {text.words(row)}" for row in found.at(found.times[-1], "area"))
     sheet.head(on, setting.imprint, f"Valid {when}{shift}", areas.replace("+-", "±").replace("nmi2", "nmi²"))
+    if set(found.given) != {"nothing"}:
+        a, b = found.given
+        words = f"A and B given {a}" if a == b else f"A given {a}, B given {b}"
+        on.figure.text(0.965, 0.865, words, fontsize=9, color=INK, ha="right")
     sheet.end(on, path, setting.imprint)
 
 

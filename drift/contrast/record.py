@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from drift.case.record import Case
 from drift.contrast.units import Difference
 from drift.planner.records import Plan
 from drift.result import Result
@@ -36,6 +37,11 @@ class Contrast:
         return "as it is", ", ".join(own) or "the same"
 
     @property
+    def given(self) -> tuple[str, str]:
+        """What each case's figures are given, because it weighs its particles or worlds: "2 finds"; "nothing"."""
+        return _given(self.a.case), _given(self.b.case)
+
+    @property
     def title(self) -> str:
         """What is compared."""
         a, b = self.names
@@ -50,6 +56,15 @@ class Contrast:
     def of_run(self) -> list[Difference]:
         """Those that are of the run as a whole: sorties and stretches."""
         return [row for row in self.differences if row.quantity in OF_RUN]
+
+
+def _given(case: Case) -> str:
+    """Return what weighs the particles or worlds of a case."""
+    if case.spill:
+        told = {"find": len(case.spill.finds), "patrol": len(case.spill.patrols)}
+    else:
+        told = {"sortie": len(case.sorties), "contact": len(case.contacts), "sensor": len(case.sensors.telling)}
+    return " and ".join(f"{count} {name}{'s' * (count > 1)}" for name, count in told.items() if count) or "nothing"
 
 
 def _changes(text: str) -> list[str]:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from drift.contrast import text
 from drift.contrast.record import Contrast
 from drift.maps.imprint import Setting
 from drift.report import leaves
@@ -22,15 +23,16 @@ def of(found: Contrast, begun: Sequence[Setting]) -> list[Leaf]:
         ("time", "Time", "time"), ("quantity", "Quantity", "words"), ("name", "Of", "words"), ("unit", "Unit", "words"),
         ("a", "A", "number"), ("b", "B", "number"), ("difference", "B less A", "number"), ("error", "± (standard error)", "number"),
     ]  # fmt: skip
-    names = [[letter, name] for letter, name in zip("AB", found.names, strict=True)]
+    names = [list(row) for row in zip("AB", found.names, found.given, strict=True)]
+    given = f" {text.words_given(found)}." if set(found.given) != {"nothing"} else ""
     return [
         leaves.maps(
             "Probability", np.array(found.times), data["lon"].values, data["lat"].values, stories, area,
             [_top(values / area, values) for values in a],
         ),
         *_begun(begun),
-        leaves.table("The two cases", [("", "Case", "words"), ("", "What it is", "words")], rows=names),
-        leaves.table("Differences", columns, file="compare.csv", by_time="time", note="Errors are of chance alone, on common random numbers."),
+        leaves.table("The two cases", [("", "Case", "words"), ("", "What it is", "words"), ("", "Weighed by", "words")], rows=names),
+        leaves.table("Differences", columns, file="compare.csv", by_time="time", note=f"Errors are of chance alone, on common random numbers.{given}"),
         leaves.text("In words", file="compare.txt"),
     ]  # fmt: skip
 

@@ -9,14 +9,29 @@ from drift.output import formats
 from geo import notation
 from geo.notation import NMI
 
-HEADER = ["time_utc", "quantity", "name", "unit", "a", "b", "difference", "standard_error", "run_id"]
+HEADER = [
+    "time_utc",
+    "quantity",
+    "name",
+    "unit",
+    "a",
+    "b",
+    "difference",
+    "standard_error",
+    "given_a",
+    "given_b",
+    "run_id",
+]
+OUR_GRID = (
+    "output.grid: its cells are too coarse"  # a grid that holds both clouds is of our making: nothing for a terminal
+)
 WORST = 10  # stretches that are listed in words
 
 
 def table(found: Contrast, run: str) -> str:
     """Return every figure as CSV, in SI; run: its run_id, in the last column."""
     rows = [
-        [notation.iso(row.time), row.quantity, row.name, row.unit, *map(_cell, (row.a, row.b, row.difference, row.error)), run]
+        [notation.iso(row.time), row.quantity, row.name, row.unit, *map(_cell, (row.a, row.b, row.difference, row.error)), *found.given, run]
         for row in found.differences
     ]  # fmt: skip
     return formats.csv_text(HEADER, rows)
@@ -31,6 +46,7 @@ def numbers(found: Contrast) -> dict[str, Any]:
     return {
         "step_s": found.step,
         "notes": list(found.notes),
+        "given": dict(zip("ab", found.given, strict=True)),
         "differences": [
             {
                 "time": row.time, "quantity": row.quantity, "name": row.name, "unit": row.unit,
@@ -47,6 +63,7 @@ def facts(found: Contrast) -> dict[str, str]:
     told = {
         "A": found.names[0],
         "B": found.names[1],
+        **({"given": words_given(found)} if set(found.given) != {"nothing"} else {}),
         "time": notation.group(last),
         "mean of B from that of A": _shift(found),
     }
@@ -59,7 +76,22 @@ def facts(found: Contrast) -> dict[str, str]:
         if stretches <= WORST + 1:  # all of them together come first
             told[_called(row)] = words(row)
     told["errors"] = "standard errors of the differences, of chance alone, on common random numbers"
-    return told | {f"note {k}": note for k, note in enumerate(found.notes, 1)}
+    told |= {f"note {k}": note for k, note in enumerate(found.notes, 1)}
+    return told | {
+        f"warning {k}, {name}": words
+        for name, result in (("A", found.a), ("B", found.b))
+        for k, words in enumerate((w for w in result.summary["warnings"] if not w.startswith(OUR_GRID)), 1)
+    }
+
+
+def words_given(found: Contrast) -> str:
+    """Return in words what the figures of both cases are given, and of spills how to compare them without it."""
+    a, b = found.given
+    each = f"A and B are each weighed by {a}" if a == b else f"A is weighed by {a}, B by {b}"
+    if found.a.case.spill is None:
+        return each
+    free = "--set find='[]' --set patrol='[]'"
+    return f"{each}: what differs is what each case makes of them, too; to compare before any find: {free}"
 
 
 def _called(row: Difference) -> str:

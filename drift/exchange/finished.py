@@ -1,5 +1,6 @@
 """A finished run as its folder holds it: what files for other programs are made from."""
 
+import csv
 import json
 import os
 from collections.abc import Sequence
@@ -56,6 +57,13 @@ class Finished:
             return []
         features: list[dict[str, Any]] = json.loads((self.folder / name).read_bytes())["features"]
         return features
+
+    def rows(self, name: str) -> list[dict[str, str]]:
+        """Return the rows of a CSV file of the run; none where it has no such file."""
+        if name not in self.names:
+            return []
+        with open(self.folder / name, newline="", encoding="utf-8") as file:
+            return list(csv.DictReader(file))
 
     def search(self) -> list[dict[str, Any]]:
         """Return the features of what was searched and told; of a plan without its own sorties, which are not flown."""

@@ -59,6 +59,7 @@ def _document(run: Finished) -> str:
     _search(document, run)
     _plan(document, run)
     _coast(document, run)
+    _finds(document, run)
     return markup.text(root)
 
 
@@ -133,8 +134,26 @@ def _coast(document: ET.Element, run: Finished) -> None:
     for feature in features:
         told = feature["properties"]
         words = (
-            f"{told['position']}, {told['access']}, {told['length_km']:.1f} km: {told['expected']:.3g} objects expected at "
-            f"the end, probability of any {told['probability']:.1%}, that any ever comes {told['ever']:.1%}"
+            f"{told['position']}, {told['access']}, {told['length_km']:.1f} km: {told['number_10']:.0f} to {told['number_90']:.0f} objects at the end (10 "
+            f"to 90 %), {told['expected']:.3g} on average, probability of any {told['probability']:.1%}, that any ever comes {told['ever']:.1%}"
         )
         span = notation.iso(times[0]), notation.iso(times[-1])
         kml.place(folder, f"{told['rank']}  {told['name']}", words, span, "track", feature["geometry"])
+
+
+def _finds(document: ET.Element, run: Finished) -> None:
+    """Append a place for each find of a spill, from when it was found on."""
+    rows = run.rows("finds.csv")
+    end = notation.iso(run.forecast["time"].values[-1])
+    if rows:
+        folder = kml.folder(document, "Finds")
+    for row in rows:
+        odd = "ODD, check it: " if row["odd"] == "yes" else ""
+        words = (
+            f"{odd}{row['name']}, {row['position']}, {row['stretch']}, {row['class'] or 'class unknown'}, by {row['by']}; the next find was to be there "
+            f"with {float(row['probability_beforehand']):.1%}, anywhere at most as likely with {float(row['tail']):.1%}; none of ours with "
+            f"{float(row['none_of_ours']):.1%}"
+        )
+        point = geojson.point(float(row["lon_deg"]), float(row["lat_deg"]))
+        name = f"find {row['number']} {row['name']}{' (odd)' if odd else ''}"
+        kml.place(folder, name, words, (row["time"], max(row["time"], end)), "", point)

@@ -14,12 +14,14 @@ BANDS = {
     "containment": "smallest share of the probability whose area holds the cell",
 }
 
+WASHUP = frozenset({"washup.geojson"})
+
 
 def files(run: Finished) -> dict[str, bytes]:
     """Return probability-20261122T1800Z.tif and so on: band 1 probability by cell, band 2 containment.
 
     No data is NaN: containment at times without a map. A grid across the antimeridian is two files, -E and -W of
-    Greenwich, each within [-180, 180] to half a cell.
+    Greenwich, each within [-180, 180] to half a cell. Of a spill washup.geojson, the stretches of coast, comes along.
     """
     try:
         import rasterio  # noqa: F401 (an extra)
@@ -41,6 +43,8 @@ def files(run: Finished) -> dict[str, bytes]:
             at = run.forecast.isel(time=k, lon=columns)
             name = f"probability-{stamp[:13]}{'' if stamp[13:15] == '00' else stamp[13:15]}Z{suffix}.tif"
             made[name] = _file(run, at, shift)
+    for name in WASHUP & run.names:  # what comes ashore of a spill is lines, which no raster holds
+        made[name] = (run.folder / name).read_bytes()
     return made
 
 

@@ -120,6 +120,8 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
         {
             "long_name": "effective number of worlds on the map; objects of a world share what nobody knows of it",
             "units": "1",
+            "comment": "each world weighs as much as it has on the map at that time, so this differs from the number by "
+            "finds alone, of washup.nc",
         },
     ),
     "particles_per_kernel": (("time",), {"long_name": "effective particles in a smoothing kernel", "units": "1"}),

@@ -225,10 +225,9 @@ def sizes(at: Any, waiting: str) -> str:
 
 def _off_map(at: Any, waiting: str) -> str:
     """Return how much of the probability a panel does not show, in a few words."""
-    pending = forecast_words.statuses(at)["pending"]
-    gone = sum(forecast_words.statuses(at)[name] for name in ("outside", "left", "sunk"))
-    parts = [f"{labels.percent(pending)} {waiting}"] if pending > 0 else []
-    return "\n".join(parts + ([f"{labels.percent(gone)} off the map"] if gone > 0 else []))
+    now = forecast_words.statuses(at)
+    told = {"pending": waiting, "sunk": "sunk", "left": "left the domain", "outside": "out of forcing"}
+    return "\n".join(f"{labels.percent(now[name])} {words}" for name, words in told.items() if now[name] > 0)
 
 
 def _rows(

@@ -66,7 +66,7 @@ def _columns(data: Any) -> list[tuple[str, str, str]]:
     held = [notation.percent(share) for share in data["share"].values]
     ever = data["status_probability"].values.max(axis=0) > 0
     status = [str(name) for name, there in zip(data["status"].values, ever, strict=True) if there]
-    counts = {"effective_particles": "Particles that count", "effective_worlds": "Worlds that count"}
+    counts = {"effective_particles": "Particles that count", "effective_worlds": "Worlds that count on the map"}
     return [
         ("time", "Time", "time"),
         ("mean_position", "Mean position", "words"),

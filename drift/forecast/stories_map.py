@@ -58,7 +58,7 @@ def draw(forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence
         ax = on.figure.add_axes((left / width, bottom / height, WIDE / width, WIDE / height))
         own = _own(setting, story) if k else setting
         away = 1 - float(story.forecast.data["probability"].sum())
-        notes = [f"{labels.percent(away)} off the map"] if away > forecast_words.TELLING and story.now > 0 else []
+        notes = [f"{labels.percent(away)} not on the map"] if away > forecast_words.TELLING and story.now > 0 else []
         mesh = forecast_map.small_map(ax, frame, story.forecast, 0, top, land, own, overlays, notes)
         for line in own.lines:
             layers.prior_line(ax, frame, line, setting.lines.index(line), 0.7)

@@ -12,6 +12,7 @@ from geo.array import Array
 from geo.box import Box
 
 HARBOUR = 5.0  # factor by which a harbour counts for more than a town of its size
+FARTHEST = 100_000.0  # [m] within which a place is named by the nearest town
 APART = 0.08  # of the box's size: places that are shown are at least so far from each other
 
 
@@ -48,3 +49,17 @@ def around(box: Box, most: int = 12) -> list[Place]:
         if len(chosen) == most:
             break
     return [Place(names[k], float(x[k]), float(lat[k]), bool(harbour[k])) for k in chosen]
+
+
+def nearest(lon: Array, lat: Array) -> list[tuple[str, float]]:
+    """Return the name of the town or harbour nearest to each place [deg], and how far it is [m].
+
+    The name is "" where none is within FARTHEST.
+    """
+    names, lons, lats, _, _ = _all()
+    found = []
+    for x, y in zip(np.radians(lon), np.radians(lat), strict=True):
+        distance = sphere.distance(x, y, np.radians(lons), np.radians(lats))
+        k = int(np.argmin(distance))
+        found.append((names[k] if distance[k] <= FARTHEST else "", float(distance[k])))
+    return found

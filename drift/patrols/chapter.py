@@ -35,9 +35,10 @@ def _picture(matter: Matter, path: Path) -> None:
         for slot, visits in patrol_planner.by_patrol(matter.plan)
     ]
     imprint = replace(setting.imprint, title=f"Planned patrols: {setting.imprint.title}")
+    warnings = [*renewal.warnings(after), *patrol_files.too_long(matter.plan, after)]
     washup_map.draw(
         after.washup, after.segments, path, replace(setting, imprint=imprint), finds=spill_chapter.finds(after),
-        patrols=washup_map.Patrols(planned, "planned patrol", near=True), warning=renewal.warning(after),
+        patrols=washup_map.Patrols(planned, "planned patrol", near=True), warning="; ".join(warnings),
     )  # fmt: skip
 
 
@@ -48,6 +49,10 @@ FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
     "patrols.csv": lambda matter, stamped: patrol_files.csv(matter.plan, matter.after, stamped["run_id"]),
     "patrols.toml": lambda matter, stamped: patrol_files.toml(matter.plan, matter.after),
 }
+# Where teams leave out what is longer than their day.
+LEFT_OUT_FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+    "patrols_left_out.csv": lambda matter, stamped: patrol_files.left_out(matter.plan, matter.after, stamped["run_id"]),
+}
 PICTURES: dict[str, Callable[[Matter, Path], None]] = {
     "patrols.png": _picture,
 }
@@ -56,4 +61,7 @@ PICTURES: dict[str, Callable[[Matter, Path], None]] = {
 def chapter(matter: Matter) -> Chapter:
     """Return the chapter of a plan of patrols."""
     numbers = {"patrol_plan": patrol_files.numbers(matter.plan)}
-    return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), leaves=(partial(report.of, matter.plan),))
+    files = bound(FILES, matter) | (bound(LEFT_OUT_FILES, matter) if matter.plan.left_out else {})
+    warnings = tuple(patrol_files.too_long(matter.plan, matter.after))
+    leaves = (partial(report.of, matter.plan),)
+    return Chapter(numbers, files, bound(PICTURES, matter), warnings=warnings, leaves=leaves)

@@ -12,7 +12,7 @@ from drift.forecast import effective
 from drift.output import formats
 from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import PatrolPlan, Slot, Visit
-from drift.spill import renewal
+from drift.spill import tables as washup_tables
 from drift.spill.renewal import Aftermath
 from geo import notation
 
@@ -21,6 +21,21 @@ HEADER = (
     "date_time_group", "time", "patrol_unit", "segment", "stretch", "position", "access",
     "length_km", "lying", "found", "found_se", "effective_worlds", "run_id",
 )  # fmt: skip
+
+
+LEFT_OUT = (
+    "patrol_unit",
+    "day_km",
+    "segment",
+    "stretch",
+    "position",
+    "access",
+    "length_km",
+    "lying",
+    "effective_worlds",
+    "run_id",
+)
+LONGEST = 4  # stretches that a warning names
 
 
 def text(plan: PatrolPlan, after: Aftermath, title: str, run: str, synthetic: bool) -> str:
@@ -39,7 +54,7 @@ def text(plan: PatrolPlan, after: Aftermath, title: str, run: str, synthetic: bo
         head = f"{notation.group(slot.when)}  {slot.team.name}: {length:.1f} of {slot.team.length / 1000:.1f} km"
         lines += ["", *_fill(f"{head}, detection {slot.team.detection:.2f}, {total:.2g} found", 3, 6)]
         for visit in sorted(visits, key=lambda visit: -visit.found):
-            name = renewal.stretch(after.segments, visit.segment)
+            name = washup_tables.stretch(after.segments, visit.segment)
             size = float(after.segments.length[visit.segment]) / 1000
             figures = f"{visit.found:.2g} +- {visit.error:.1g} found of {visit.lying:.2g}   {size:.1f} km   {name}"
             lines += _fill(figures, 6, 10)
@@ -57,7 +72,7 @@ def text(plan: PatrolPlan, after: Aftermath, title: str, run: str, synthetic: bo
 
 def worth(plan: PatrolPlan) -> str:
     """Return in a line what a plan is expected to find, and what none could exceed."""
-    expected = f"{plan.found:.3g} +- {plan.error:.2g} objects"
+    expected = f"{plan.found:.3g} objects found on average (Monte Carlo error of that {plan.error:.2g})"
     return f"{expected}; no plan of these teams finds more than {_up(plan.bound)} on average"
 
 
@@ -75,7 +90,40 @@ def warnings(plan: PatrolPlan, after: Aftermath, synthetic: bool) -> list[str]:
     count = effective.Count(after.posterior.effective, after.spill.worlds, "worlds")
     if count.few:
         lines.append(effective.sentence(count, "", "numbers and the choice of stretches are rough"))
+    return lines + too_long(plan, after)
+
+
+def too_long(plan: PatrolPlan, after: Aftermath) -> list[str]:
+    """Return a warning for each team of the stretches that it leaves out, because they are longer than its day."""
+    lines = []
+    for team in after.spill.teams:
+        rows = [row for row in plan.left_out if row.team is team]
+        if not rows:
+            continue
+        length = [float(after.segments.length[row.segment]) / 1000 for row in rows]
+        named = [
+            f"{washup_tables.stretch(after.segments, row.segment)} ({km:.1f} km, {row.lying:.2g} objects)"
+            for row, km in zip(rows[:LONGEST], length, strict=False)
+        ]
+        more = f"; and {len(rows) - LONGEST} others, see patrols_left_out.csv" if len(rows) > LONGEST else ""
+        many = f"{len(rows)} stretch{'es' * (len(rows) > 1)}, {sum(length):.1f} km"
+        lines.append(
+            f"{team.name} leaves out {many}, where {sum(row.lying for row in rows):.2g} objects lie: longer than its "
+            f"{team.length / 1000:g} km a day: {'; '.join(named)}{more}; cut them shorter ([spill.stretches])"
+        )
     return lines
+
+
+def left_out(plan: PatrolPlan, after: Aftermath, run: str) -> str:
+    """Return the stretches that teams leave out because they are longer than their day, a row each, most first."""
+    segments, rows = after.segments, []
+    for row in plan.left_out:
+        s = row.segment
+        place = notation.position(float(segments.lon[s]), float(segments.lat[s])) or ""
+        figures = float(segments.length[s]) / 1000, row.lying, after.posterior.effective
+        about = [row.team.name, f"{row.team.length / 1000:g}", s, segments.name[s], place, segments.access[s]]
+        rows.append([*about, *(f"{value:.6g}" for value in figures), run])
+    return formats.csv_text(list(LEFT_OUT), rows)
 
 
 def csv(plan: PatrolPlan, after: Aftermath, run: str) -> str:
@@ -124,6 +172,9 @@ def numbers(plan: PatrolPlan) -> dict[str, Any]:
         "found_se": plan.error,
         "bound": plan.bound,
         "day_by_day": plan.daily,
+        "left_out": [
+            {"patrol_unit": row.team.name, "segment": row.segment, "lying": row.lying} for row in plan.left_out
+        ],
         "patrols": [
             {
                 "patrol_unit": slot.team.name,
@@ -140,7 +191,7 @@ def facts(plan: PatrolPlan, after: Aftermath) -> dict[str, str]:
     """Return what a terminal shows."""
     lines = {"plan": worth(plan)}
     for slot, visits in patrol_planner.by_patrol(plan):
-        names = "; ".join(renewal.stretch(after.segments, visit.segment) for visit in visits)
+        names = "; ".join(washup_tables.stretch(after.segments, visit.segment) for visit in visits)
         lines[_key(slot)] = f"{sum(visit.found for visit in visits):.2g} found: {names}"
     if plan.idle:
         lines["not sent"] = ", ".join(plan.idle)

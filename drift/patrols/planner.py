@@ -10,7 +10,7 @@ not count it twice; the bound does, and so holds all the more.
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,6 +55,15 @@ class Visit:
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """A stretch that a team can reach, where something lies, and that is longer than what the team walks in a day."""
+
+    team: Team
+    segment: int
+    lying: float  # expected number of objects there to be found, on its first patrol
+
+
+@dataclass(frozen=True)
 class PatrolPlan:
     """Visits by time, and what all of them together are expected to find."""
 
@@ -65,6 +74,7 @@ class PatrolPlan:
     daily: bool  # whether plan and bound were made day by day
     idle: tuple[str, ...]  # teams with nothing to do
     slots: tuple[Slot, ...]
+    left_out: tuple[LeftOut, ...] = ()  # by team in the order of the case, most first
 
 
 Chosen = dict[int, tuple[int, ...]]  # numbers of patrols, ascending, by number of the stretch that they visit
@@ -78,7 +88,23 @@ def plan(after: Aftermath) -> PatrolPlan:
     worth = value(after)
     tables = {s: table(stays, s, worth, slots) for s in sorted({s for slot in slots for s in slot.reachable})}
     chosen, bound, daily = choose(tables, known.length, slots)
-    return _scored(after, slots, worthwhile(tables, slots, chosen), bound, daily, worth)
+    planned = _scored(after, slots, worthwhile(tables, slots, chosen), bound, daily, worth)
+    return replace(planned, left_out=_left_out(after, stays, worth))
+
+
+def _left_out(after: Aftermath, stays: Exposure, worth: Real) -> tuple[LeftOut, ...]:
+    """Return the stretches with anything on them that teams can reach and are too long for them."""
+    found = []
+    for team in after.spill.teams:
+        time = float(after.period.elapsed(team.times[0]))
+        own = [
+            LeftOut(team, s, float((exposure.lying(stays, s, time) * worth[stays.slot[rows]]).sum()))
+            for s in _near(team, after.segments)
+            if after.segments.length[s] > team.length
+            for rows in [slice(int(stays.bounds[s]), int(stays.bounds[s + 1]))]
+        ]
+        found += sorted((row for row in own if row.lying > 0), key=lambda row: -row.lying)
+    return tuple(found)
 
 
 def value(after: Aftermath) -> Real:
@@ -238,15 +264,7 @@ def patrols(period: Period, spill: Spill, segments: Segments) -> tuple[Slot, ...
     """
     slots = []
     for team in spill.teams:
-        place = f'patrol_unit "{team.name}"'
-        if team.stretches:
-            near = [evidence.named(name, place, segments) for name in dict.fromkeys(team.stretches)]
-        elif team.base is not None:
-            lon, lat = np.radians(team.base)
-            distance = sphere.distance(lon, lat, np.radians(segments.lon), np.radians(segments.lat))
-            near = np.flatnonzero(distance <= team.reach).tolist()
-        else:
-            near = list(range(len(segments.name)))
+        place, near = f'patrol_unit "{team.name}"', _near(team, segments)
         short = tuple(s for s in near if segments.length[s] <= team.length)
         if not short:
             what = f"the shortest is {segments.length[near].min() / 1000:.1f} km" if near else "its reach holds none"
@@ -256,6 +274,18 @@ def patrols(period: Period, spill: Spill, segments: Segments) -> tuple[Slot, ...
             )
         slots += [Slot(team, when, period.elapsed(when), short) for when in team.times]
     return tuple(sorted(slots, key=lambda slot: slot.time))
+
+
+def _near(team: Team, segments: Segments) -> list[int]:
+    """Return the stretches that a team can reach, by number, however long."""
+    if team.stretches:
+        place = f'patrol_unit "{team.name}"'
+        return [evidence.named(name, place, segments) for name in dict.fromkeys(team.stretches)]
+    if team.base is None:
+        return list(range(len(segments.name)))
+    lon, lat = np.radians(team.base)
+    distance = sphere.distance(lon, lat, np.radians(segments.lon), np.radians(segments.lat))
+    return [int(s) for s in np.flatnonzero(distance <= team.reach)]
 
 
 def _scored(

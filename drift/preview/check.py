@@ -185,8 +185,7 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
     rates = ", ".join(f"{kind} {86_400 * rate:g} a day" for kind, rate in spill.reporting.rate.items())
     lines = {
         "spill": f"{low:,}{f' to {high:,}' if high > low else ''} objects, "
-        f"{spill.worlds:,} worlds of {spill.per_world:,} particles; "
-        f"{spill.destroyed[0]:.0%} to {spill.destroyed[1]:.0%} destroyed at once",
+        f"{spill.worlds:,} worlds of {spill.per_world:,} particles; " + _destroyed(*spill.destroyed),
         "released": f"{notation.group(spill.prior.release_start)} to {notation.group(spill.prior.release_end)}",
         "biases": f"windage a factor of {math.exp(spill.windage_bias):.2f}, current {spill.current_bias:g} m/s, "
         f"reporting a factor of {math.exp(spill.reporting_bias):.2f} (one standard deviation)",
@@ -208,3 +207,11 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
         many = f"{len(team.times)} patrol{'s' * (len(team.times) > 1)} from {notation.group(team.times[0])}"
         lines[f'patrol_unit "{team.name}"'] = f"{many}, {team.length / 1000:g} km a day, finds {team.detection:.0%}"
     return lines
+
+
+def _destroyed(least: float, most: float) -> str:
+    """Return in words what share of a spill's objects is lost at once."""
+    if most == 0:
+        return "none is lost at once"
+    share = f"{least:.0%}" if least == most else f"{least:.0%} to {most:.0%}"
+    return f"of which {share} are lost at once (destroyed: they neither drift nor come ashore)"

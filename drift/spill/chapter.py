@@ -10,7 +10,7 @@ from pathlib import Path
 from drift.maps.imprint import Setting
 from drift.maps.marks import Mark
 from drift.output.chapter import Chapter, Contents, Stamped, bound
-from drift.spill import renewal, report, unknowns
+from drift.spill import renewal, report, unknowns, verdict
 from drift.spill import tables as washup_tables
 from drift.spill.renewal import Aftermath
 
@@ -33,13 +33,15 @@ def _washup(matter: Matter, path: Path) -> None:
     ]
     washup_map.draw(
         after.washup, after.segments, path, matter.setting, finds=finds(after), patrols=washup_map.Patrols(walked),
-        warning=renewal.warning(after),
+        warning=renewal.warning(after), silence=renewal.silence(after),
     )  # fmt: skip
 
 
 def finds(after: Aftermath) -> list[Mark]:
     """Return the finds as marks, each labelled by its number."""
-    return [Mark(*renewal.position(after, find), f"{k}") for k, find in enumerate(after.posterior.known.finds, 1)]
+    known = after.posterior.known.finds
+    at = [verdict.position(after.spill, after.segments, k, find) for k, find in enumerate(known)]
+    return [Mark(*place, f"{k}") for k, place in enumerate(at, 1)]
 
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
@@ -52,6 +54,12 @@ FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
         renewal.unknown(matter.after), matter.after.posterior.effective, stamped["run_id"]
     ),
 }
+# Of a spill with finds.
+FIND_FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+    "finds.csv": lambda matter, stamped: verdict.csv(
+        renewal.told(matter.after), matter.after.posterior.effective, stamped["run_id"]
+    ),
+}
 PICTURES: dict[str, Callable[[Matter, Path], None]] = {
     "washup.png": _washup,
 }
@@ -59,5 +67,7 @@ PICTURES: dict[str, Callable[[Matter, Path], None]] = {
 
 def chapter(matter: Matter) -> Chapter:
     """Return the chapter of a spill."""
-    leaves = (lambda: report.of(finds(matter.after)),)
-    return Chapter(renewal.numbers(matter.after), bound(FILES, matter), bound(PICTURES, matter), leaves=leaves)
+    after = matter.after
+    files = bound(FILES, matter) | (bound(FIND_FILES, matter) if after.spill.finds else {})
+    leaves = (lambda: report.of(finds(after), renewal.silence(after)),)
+    return Chapter(renewal.numbers(after), files, bound(PICTURES, matter), leaves=leaves)

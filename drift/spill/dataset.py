@@ -29,9 +29,9 @@ FIGURES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "expected": (BY_TIME, "1", "expected number of objects that lie on the stretch"),
     "probability": (BY_TIME, "1", "probability that at least one object lies on the stretch"),
     "number": (("quantile", *BY_TIME), "1", "quantile of the number of objects that lie on the stretch"),
-    "arrived": (BY_TIME, "1", "expected number of objects that have ever lain on the stretch"),
+    "arrived": (BY_TIME, "1", "expected number of objects that have ever lain on the stretch, those found left out"),
     "expected_by_kind": (("kind", *BY_TIME), "1", "expected number of objects of a class that lie on the stretch"),
-    "ever": (("segment",), "1", "probability that any object arrives on the stretch within the run"),
+    "ever": (("segment",), "1", "probability that any object not found arrives on the stretch within the run"),
     "first_arrival": (
         ("quantile", "segment"),
         formats.EPOCH,
@@ -109,7 +109,11 @@ def build(
     data["effective_worlds"] = (
         (),
         weights.effective(weight),
-        {"long_name": "effective number of worlds", "units": "1"},
+        {
+            "long_name": "effective number of worlds after the finds",
+            "units": "1",
+            "comment": "each weighs as the finds weigh it; forecast.nc weighs each by what it has on the map at a time too",
+        },
     )
     data["realisations"] = ((), realisations, {"long_name": "simulated spills of each world", "units": "1"})
     return xr.Dataset(data, coords, {"summary": SUMMARY})

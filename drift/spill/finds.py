@@ -9,13 +9,16 @@ noisy: drift.spill.shrinkage draws them toward those of other worlds.
 A find at sea enters by g alone, for nobody knows where else at sea people looked.
 
 A find that is not from this spill with probability p has the density p / (1 - p) * B, where B is what true finds have
-on average: before any find, as many as expected, spread over the coast as length times reporting rate and evenly over
-the time since the first release (by a patrol: over its stretches as their length; at sea: over an ellipse as wide as
-what is adrift). Without finds and without patrols L is 1: that nothing was found says nothing either.
+on average before any find. On the coast the E_s finds that are expected on stretch s of length l_s and reporting rate
+h_s lie E_s / (l_s h_s) dense, which is sum(E_s^2 / (l_s h_s)) / sum(E_s) where a true find lies on average: B is that,
+times l_s h_s of the find's own stretch, evenly over the time since the first release. So it is of the coast that the
+spill comes to, and not of the domain: coast without any E_s, however long, leaves it as it is. By a patrol they are
+spread over its stretches as their length; at sea over an ellipse as wide as what is adrift, which is the same mean for a
+normal law. Without finds and without patrols L is 1: that nothing was found says nothing either.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -108,6 +111,7 @@ class Known:
     length: Real  # (S,) of the stretches [m]
     now: float
     adrift: Mapping[int, Adrift]
+    usual: Real | None = None  # (finds,) B of each; None: of the worlds at hand, see usual()
 
 
 @dataclass(frozen=True)
@@ -117,7 +121,7 @@ class Posterior:
     log_likelihood, weight: (W,). effective: number of worlds that count. objects, destroyed: posteriors of the numbers'
     grids. counts: possible numbers of our finds by class; chosen: their probabilities (len(counts), W). found: chance
     of every particle to have been found, (n,); share: of every world and class, (W, classes), drawn toward other
-    worlds'.
+    worlds'. alien: probability that each find is none of ours, given all, (finds,).
     """
 
     known: Known
@@ -130,6 +134,7 @@ class Posterior:
     chosen: Real
     found: Real
     share: Real
+    alien: Real
 
 
 @dataclass(frozen=True)
@@ -162,12 +167,32 @@ def posterior(fates: Fates, known: Known, latent: Real, log_weight: Real) -> Pos
     Raises UserError when there are more finds than objects.
     """
     exposed = exposure.expose(fates, known.reporting, known.patrols)
+    evidence = _evidence(known, exposed, latent, log_weight)
     if not known.finds and not known.patrols:
-        return _weigh(known, exposed, _evidence(known, exposed, latent, log_weight), (), np.zeros(fates.world.size))
+        return _weigh(known, exposed, evidence, (), np.zeros(fates.world.size))
     ours = tuple(k for k, find in enumerate(known.finds) if find.false < 1)
-    return _weigh(
-        known, exposed, _evidence(known, exposed, latent, log_weight), ours, exposure.found(exposed, known.now)
-    )
+    found = exposure.found(exposed, known.now)
+    weighed, alien = _weigh(known, exposed, evidence, ours, found), np.zeros(len(known.finds))
+    whole = special.logsumexp(evidence.prior + weighed.log_likelihood)
+    for k, find in enumerate(known.finds):  # Bayes, over the worlds: L without it, times its density as a false one
+        if np.isfinite(evidence.alien[k]):
+            others = _weigh(known, exposed, evidence, tuple(j for j in ours if j != k), found).log_likelihood
+            alien[k] = np.exp(min(evidence.alien[k] + special.logsumexp(evidence.prior + others) - whole, 0.0))
+        elif find.false >= 1:
+            alien[k] = 1.0
+    return replace(weighed, alien=alien)
+
+
+def usual(fates: Fates, known: Known, log_weight: Real) -> Real:
+    """Return B of every find that may be false, (finds,): how densely finds of ours lie on average, before any; else 0.
+
+    log_weight: (W,) of the worlds before any find. What others leave on the shore does not change when worlds are drawn
+    anew: it is reckoned once, from the worlds first drawn.
+    """
+    if not any(0 < find.false < 1 for find in known.finds):
+        return np.zeros(len(known.finds))
+    exposed = exposure.expose(fates, known.reporting, known.patrols)
+    return _usual(known, exposed, _prior(fates, log_weight))
 
 
 def tempered(log_likelihood: Real, least: float, log_weight: Real | float = 0.0) -> float:
@@ -238,7 +263,8 @@ def _evidence(known: Known, exposed: Exposure, latent: Real, log_weight: Real) -
     fates, numbers = exposed.fates, known.numbers
     classes = numbers.shares.size
     n, alike = _per_class(fates, classes), shrinkage.likeness(latent)
-    prior = np.log(weights.shares(np.broadcast_to(np.asarray(log_weight, float), fates.worlds)) + 1e-300)
+    prior = _prior(fates, log_weight)
+    usually = known.usual if known.usual is not None else _usual(known, exposed, prior)
     density = np.full((len(known.finds), classes, fates.worlds), -np.inf)
     alien = np.full(len(known.finds), -np.inf)
     for k, find in enumerate(known.finds):
@@ -248,7 +274,7 @@ def _evidence(known: Known, exposed: Exposure, latent: Real, log_weight: Real) -
         for c in range(classes) if find.kind is None else [find.kind]:
             density[k, c] = np.log(shrinkage.rates(sums[c], squares[c], int(n[c]), alike, _full(known, find)))
         if 0 < find.false < 1:
-            alien[k] = special.logit(find.false) + np.log(_alien(known, exposed, k, prior))
+            alien[k] = special.logit(find.false) + np.log(usually[k])
     return _Evidence(density, alien, alike, prior)
 
 
@@ -289,38 +315,64 @@ def _around(adrift: Adrift, place: AtSea) -> tuple[npt.NDArray[np.int32], Real]:
     return slot[kept], distance[kept]
 
 
-def _alien(known: Known, exposed: Exposure, number: int, prior: Real) -> float:
-    """Return B: how densely finds of ours lie on average, before any of them."""
-    find, fates, numbers = known.finds[number], exposed.fates, known.numbers
+def _prior(fates: Fates, log_weight: Real) -> Real:
+    """Return the log weights of the worlds before any find, normalised, (W,)."""
+    shares = weights.shares(np.broadcast_to(np.asarray(log_weight, float), fates.worlds))
+    return np.asarray(np.log(shares + 1e-300))
+
+
+def _usual(known: Known, exposed: Exposure, prior: Real) -> Real:
+    """Return B of every find that may be false, (finds,), at least 1e-300; 0 of the others."""
+    fates, numbers = exposed.fates, known.numbers
     each = _standing(fates, numbers, numbers.objects_prior)
     standing = (each[fates.kind] * np.exp(prior)[fates.world]) * (1 - numbers.destroyed_prior @ numbers.destroyed)
-    if isinstance(find.place, AtSea):
-        adrift = known.adrift[number]
-        at = np.flatnonzero((adrift.status == Status.ADRIFT) & (standing > 0))
-        if at.size < 3:
-            return 1e-300
-        middle = np.radians(find.place.lon), np.radians(find.place.lat)
-        x, y = sphere.offset(*middle, adrift.lon[at] * sphere.UNIT, adrift.lat[at] * sphere.UNIT)
-        weight = standing[at]
-        total, squares = _total(fates, at, weight), _total(fates, at, weight**2)
-        x, y = (values - _total(fates, at, weight * values) / total for values in (x, y))
-        square = [[_total(fates, at, weight * a * b) for a in (x, y)] for b in (x, y)]
-        spread = np.array(square) / (total - squares / total) + find.place.radius**2 * np.eye(2)  # as numpy.cov has it
-        area = 4 * np.pi * np.sqrt(np.linalg.det(spread))  # area of an even ellipse of this covariance
-        return float(max(find.place.chance * total / area, 1e-300))
-    if find.by is not None:
-        places = known.patrols[find.by].segments
-        finds = [exposure.searched(exposed, s, find.by) for s in places]
-        share = known.length[find.place] / known.length[list(places)].sum()
-    else:
-        places = tuple(range(known.length.size))
-        finds = [exposure.reported(exposed, s, known.now) for s in places]
-        drawn = known.length * known.reporting.rate
-        begun = float(fates.release.min())
-        share = drawn[find.place] / max(drawn.sum(), 1e-300)
-        share *= ((find.time - begun) if find.latest else 1.0) / max(known.now - begun, 1.0)
-    expected = sum(_total(fates, slot := exposed.slot[rows], standing[slot] * chance) for rows, chance in finds)
-    return float(max(expected * share, 1e-300))
+    doubtful = {k: find for k, find in enumerate(known.finds) if 0 < find.false < 1}
+    public = any(find.by is None and not isinstance(find.place, AtSea) for find in doubtful.values())
+    dense = _dense(known, exposed, standing) if public else 0.0
+    begun = float(fates.release.min())
+    density = np.zeros(len(known.finds))
+    for k, find in doubtful.items():
+        if isinstance(find.place, AtSea):
+            density[k] = _dense_at_sea(known.adrift[k], find.place, standing, _blocks(fates))
+        elif find.by is not None:
+            places = known.patrols[find.by].segments
+            finds = [exposure.searched(exposed, s, find.by) for s in places]
+            expected = sum(_total(fates, slot := exposed.slot[rows], standing[slot] * chance) for rows, chance in finds)
+            density[k] = expected * known.length[find.place] / known.length[list(places)].sum()
+        else:
+            there = float(known.length[find.place] * known.reporting.rate[find.place])
+            density[k] = dense * there * ((find.time - begun) if find.latest else 1.0) / max(known.now - begun, 1.0)
+    return np.where([k in doubtful for k in range(density.size)], np.maximum(density, 1e-300), 0.0)
+
+
+def _dense(known: Known, exposed: Exposure, standing: Real) -> float:
+    """Return how many public finds of ours there are by metre of coast and reporting rate where one lies on average.
+
+    It is the mean over the finds expected, not over the coast, of which there is as much as the domain happens to hold.
+    """
+    expected = np.zeros(known.length.size)
+    for s in np.flatnonzero(np.diff(exposed.bounds)):
+        rows, chance = exposure.reported(exposed, int(s), known.now)
+        slot = exposed.slot[rows]
+        expected[s] = _total(exposed.fates, slot, standing[slot] * chance)
+    there = expected > 0
+    exposures = (known.length * known.reporting.rate)[there]
+    return float((expected[there] ** 2 / exposures).sum() / max(expected.sum(), 1e-300))
+
+
+def _dense_at_sea(adrift: Adrift, place: AtSea, standing: Real, blocks: Blocks) -> float:
+    """Return how many of ours are found by square metre of an even ellipse as wide as what is adrift."""
+    at = np.flatnonzero((adrift.status == Status.ADRIFT) & (standing > 0))
+    if at.size < 3:
+        return 0.0
+    middle = np.radians(place.lon), np.radians(place.lat)
+    x, y = sphere.offset(*middle, adrift.lon[at] * sphere.UNIT, adrift.lat[at] * sphere.UNIT)
+    weight = standing[at]
+    total, squares = blocks.total(weight, at), blocks.total(weight**2, at)
+    x, y = (values - blocks.total(weight * values, at) / total for values in (x, y))
+    square = [[blocks.total(weight * a * b, at) for a in (x, y)] for b in (x, y)]
+    spread = np.array(square) / (total - squares / total) + place.radius**2 * np.eye(2)  # as numpy.cov has it
+    return float(place.chance * total / (4 * np.pi * np.sqrt(np.linalg.det(spread))))
 
 
 def _weigh(known: Known, exposed: Exposure, evidence: _Evidence, ours: tuple[int, ...], found: Real) -> Posterior:
@@ -368,6 +420,7 @@ def _weigh(known: Known, exposed: Exposure, evidence: _Evidence, ours: tuple[int
         chosen,
         found,
         share,
+        np.zeros(len(known.finds)),
     )
 
 

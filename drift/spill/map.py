@@ -6,8 +6,9 @@ Colours differ by lightness alone and lines are wider for larger numbers, so tha
 is more, and sooner. Land comes from the polygons handed in; nothing is downloaded.
 """
 
+import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox
 
 from drift.forecast import effective, layers
-from drift.maps import chart, labels, page, sheet
+from drift.maps import chart, gazetteer, labels, page, sheet
 from drift.maps.chart import GREY, INK, Frame
 from drift.maps.imprint import Imprint, Setting
 from drift.maps.marks import Mark
@@ -38,6 +39,9 @@ from geo.coast.segments import Segments
 WORST = 10
 LEAST = 0.01  # least probability of any arrival with which a stretch is drawn; less where hardly any has more
 DECADES = 2.5  # decades of the expected number on the colour scale
+LETTERS = 170  # of a line of warnings
+MOST_WARNED = 6  # lines of warnings
+LINE = 0.0125  # height of a further line of warnings, as a share of the figure
 ROW = 0.032  # height of a row of warnings over the maps, as a share of the figure
 SHEET = Sheet(
     13.0, 9.4, 140, left=0.03, title=sheet.heading(0.966, 15, 95), lines=(Row(0.939, 11.5), Row(0.9155, 9)),
@@ -108,20 +112,26 @@ def draw(
     finds: Sequence[Mark] = (),
     patrols: Patrols = NO_PATROLS,
     warning: str | None = None,
+    silence: str | None = None,
 ) -> None:
     """Draw a washup (see drift.spill.washup.build) at its last output time.
 
     setting: its marks are where the objects were released. finds: where objects were found, each labelled by its
     number; the figures are then of the objects not yet found. patrols: drawn beside the coast, the last of them with
-    name, day, time and detection. warning: printed on the page, in red.
+    name, day, time and detection. warning: printed on the page, in red. silence: what is taken for granted about what was
+    not found, at the foot.
     """
-    on = sheet.begin(SHEET)
+    warned = textwrap.wrap(warning, LETTERS)[:MOST_WARNED] if warning else []
+    lower = LINE * max(len(warned) - 1, 0)
+    on = sheet.begin(replace(SHEET, rough=Badge(0.0325, 0.878 - ROW - lower)))
     near = patrols.near and any(patrol.segments for patrol in patrols.all)
     shown = _shown(data, segments, {int(k) for patrol in patrols.all for k in patrol.segments} if near else None)
     count = _count(data)
-    height = MAP[1] - ROW * count.few
+    height = MAP[1] - ROW * count.few - lower
     walked = [[part for k in patrol.segments for part in _parts(segments, k)] for patrol in patrols.all]
-    frame = _extent(segments, shown, setting.marks, walked, MAP[0] * SHEET.width / (height * SHEET.height), near)
+    frame = _extent(
+        segments, shown, [*setting.marks, *finds], walked, MAP[0] * SHEET.width / (height * SHEET.height), near
+    )
     land = chart.land_path(frame, setting.polygons(frame.box()), 1000)
     numbers, times = _scales(shown)
     norm, when = LogNorm(*numbers, clip=True), Normalize(*times)
@@ -153,8 +163,10 @@ def draw(
     _words(on, data, setting.imprint, len(finds))
     if count.few:
         sheet.rough(on, effective.banner(count, "numbers, ranges and times are rough"))
-    if warning:
-        sheet.say(on, sheet.warning(0.879, 7.5, 210, "center"), warning)
+    for k, line in enumerate(warned):
+        sheet.say(on, sheet.warning(0.879 - LINE * k, 7.5, LETTERS, "center"), line)
+    if silence:
+        sheet.say(on, sheet.small(0.0245, 7.5, 230), f"Taken for granted: {silence}")
     sheet.end(on, path, setting.imprint)
 
 
@@ -351,27 +363,38 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
     """Write each stretch's rank, name and place left of the chart, and its figures right of it."""
     place = ax.get_yaxis_transform()
     middle = [notation.position(*xy) or "" for xy in zip(at["lon"].values, at["lat"].values, strict=True)]
+    towns = gazetteer.nearest(at["lon"].values, at["lat"].values)
     names = []
     for i, name in enumerate(map(str, at["name"].values)):
         unnamed = middle[i] in name  # the name of a stretch without one is its place
-        names.append(
-            f"stretch {at['segment'].values[i]}" if name == middle[i] else page.fit(name, 44 if unnamed else 27)
-        )
+        town = f", {towns[i][0]}" if towns[i][0] else ""
+        near = page.fit(f"stretch {at['segment'].values[i]}{town}", 27)
+        names.append(near if name == middle[i] else page.fit(name, 44 if unnamed else 27))
         middle[i] = "" if unnamed and name != middle[i] else middle[i]
     columns: list[tuple[float, str, str, list[str]]] = [
         (-0.635, "left", "Stretch", names),
         (-0.025, "right", "Middle", middle),
         (0.0, "left", "When, day and time UTC", []),
-        (1.125, "right", "Expected", [labels.number(v) for v in at["expected"].values[-1]]),
-        (1.225, "right", "± error", [f"{v:.2g}" if np.isfinite(v) else "" for v in at["expected_se"].values[-1]]),
         (
-            1.40,
+            1.145,
             "right",
             "10 - 50 - 90 %",
             [" - ".join(f"{v:,.0f}" for v in row) for row in at["number"].values[:, -1].T],
         ),
+        (1.245, "right", "Expected", [labels.number(v) for v in at["expected"].values[-1]]),
+        (
+            1.385,
+            "right",
+            "± MC error",
+            [f"{v:.2g}" if np.isfinite(v) else "" for v in at["expected_se"].values[-1]],
+        ),
         (1.56, "right", "At least one", [labels.percent(v) for v in at["probability"].values[-1]]),
-        (1.72, "right", "Ever arrived", [labels.number(v) for v in at["arrived"].values[-1]]),
+        (
+            1.72,
+            "right",
+            "Ever, unfound" if at["total"].sel(fate="found").values[-1] > 0 else "Ever arrived",
+            [labels.number(v) for v in at["arrived"].values[-1]],
+        ),
     ]
     for x, side, head, texts in columns:
         ax.text(x, -0.85, head, transform=place, ha=side, va="bottom", fontsize=8, color=GREY)
@@ -409,9 +432,9 @@ def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
     figure.text(
         0.7,
         0.044,
-        "Times: of the simulated spills in which any arrives there.\n"
-        "± error: standard error. Stretches that any object reaches\n"
-        f"with under {100 * LEAST:g} % are not drawn, unless few have more.",
+        "Times: of the simulated spills in which any arrives there. MC\n"
+        "error: Monte Carlo error of the expected number, no range.\n"
+        f"Not drawn: what any object reaches with under {100 * LEAST:g} %, but of few.",
         fontsize=7.5,
         color=GREY,
         va="center",

@@ -20,14 +20,13 @@ from drift.motion.spool import Spool
 from drift.particles import weights
 from drift.particles.ensemble import Ensemble
 from drift.particles.status import Status
-from drift.spill import evidence, finds, unknowns, washup, worlds
+from drift.spill import evidence, finds, unknowns, verdict, washup, worlds
 from drift.spill import tables as washup_tables
 from drift.spill.fates import FOREVER, Fates, Realisation
 from drift.spill.realisations import realise
 from drift.spill.records import Spill
 from drift.spill.strandings import Landings
 from drift.spill.worlds import Proposal, Worlds
-from geo import notation
 from geo.coast.edges import Coast
 from geo.coast.segments import Segments
 
@@ -37,7 +36,7 @@ NARROWING = (
 )
 ENOUGH = 10.0  # least effective worlds per latent from which a proposal is made
 WORST = 10  # stretches in the summary
-ODD = 0.02  # tail probability below which a find is called odd
+SOME = 0.1  # objects, least expected on a stretch that is ranked by its number per km in the summary: a rock with few is none
 REALISATIONS = 4  # most complete spills that are drawn in every world
 
 
@@ -88,11 +87,13 @@ def settle(
     renewal too, from 1.
     """
     assert first.worlds is not None
-    drifted, drawn, rounds = first, first.worlds, [0.0]
+    drifted, drawn, rounds, usual = first, first.worlds, [0.0], None
     while True:
         known = evidence.build(period, spill, segments, coast, drawn)
         known = replace(known, adrift=_adrift(period, known, drifted.snapshots))
         fates = _fates(spill, drifted, segments)
+        usual = finds.usual(fates, known, drawn.log_weight) if usual is None else usual
+        known = replace(known, usual=usual)
         posterior = finds.posterior(fates, known, drawn.latent, drawn.log_weight)
         rounds[-1] = posterior.effective
         if posterior.effective >= FEWEST or len(rounds) > spill.redraws or not (known.finds or known.patrols):
@@ -195,7 +196,8 @@ def numbers(after: Aftermath) -> dict[str, Any]:
     data, spill = after.washup, after.spill
     end = data.isel(time=-1)
     columns = washup_tables.records(data)
-    worst = list(zip(*(list(column)[:WORST] for column in columns.values()), strict=True))
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    dense = sorted((row for row in rows if row["expected"] >= SOME), key=lambda row: row["rank_per_km"])
     return {
         "spill": {
             "objects": list(spill.objects),
@@ -210,51 +212,31 @@ def numbers(after: Aftermath) -> dict[str, Any]:
                 str(fate): {
                     "expected": float(end["total"].values[k]),
                     "standard_error": float(end["total_se"].values[k]),
+                    **{
+                        f"number_{100 * share:.0f}": float(end["total_number"].values[j, k])
+                        for j, share in enumerate(data["quantile"].values)
+                    },
                 }
                 for k, fate in enumerate(data["fate"].values)
             },
-            "worst_stretches": [dict(zip(columns, row, strict=True)) for row in worst],
+            "worst_stretches": rows[:WORST],
+            "densest_stretches": dense[:WORST],
             "patrols": patrols(spill, after.segments),
-            "finds": [_find(after, surprise) for surprise in after.surprises],
+            "silence": silence(after),
+            "finds": told(after),
             "unknowns": unknown(after),
         }
     }
 
 
-def position(after: Aftermath, find: finds.Detection) -> tuple[float, float]:
-    """Return where a find lies (lon, lat) [deg]: as given, or the middle of its stretch."""
-    if isinstance(find.place, finds.AtSea):
-        return find.place.lon, find.place.lat
-    given = next(row for row in after.spill.finds if row.name == find.name)
-    if given.stretch is None:
-        return given.lon, given.lat
-    return float(after.segments.lon[find.place]), float(after.segments.lat[find.place])
+def told(after: Aftermath) -> list[verdict.Row]:
+    """Return what is told of each find, in order of time."""
+    return verdict.rows(after.spill, after.segments, after.posterior, after.surprises)
 
 
-def _find(after: Aftermath, surprise: finds.Surprise) -> dict[str, Any]:
-    find = surprise.find
-    number, given = next(pair for pair in enumerate(after.spill.finds, 1) if pair[1].name == find.name)
-    segment = None if isinstance(find.place, finds.AtSea) else find.place
-    return {
-        "number": number,  # finds are numbered in the order of the case, also on pictures
-        "name": find.name,
-        "time": given.time,
-        "not_later_than": find.latest,
-        "position": notation.position(*position(after, find)),
-        "stretch": "at sea" if segment is None else stretch(after.segments, segment),
-        "segment": segment,
-        "class": given.kind,
-        "by": given.by or "public",
-        "probability_beforehand": surprise.probability,
-        "tail": surprise.tail,
-        "odd": surprise.tail < ODD,
-    }
-
-
-def stretch(segments: Segments, number: int) -> str:
-    """Return what a stretch is called."""
-    place = notation.position(float(segments.lon[number]), float(segments.lat[number])) or ""
-    return washup_tables.called(number, segments.name[number], place)
+def silence(after: Aftermath) -> str | None:
+    """Return in words what is taken for granted about what was not found; None without finds and patrols."""
+    return verdict.silence(after.period, after.spill, after.posterior.known.now)
 
 
 def patrols(spill: Spill, segments: Segments) -> list[dict[str, Any]]:
@@ -267,7 +249,7 @@ def patrols(spill: Spill, segments: Segments) -> list[dict[str, Any]]:
                 "name": patrol.name,
                 "time": patrol.time,
                 "detection": patrol.detection,
-                "stretches": [stretch(segments, k) for k in walked],
+                "stretches": [washup_tables.stretch(segments, k) for k in walked],
                 "segments": walked,
                 "length_km": float(segments.length[walked].sum() / 1000),
             }
@@ -282,9 +264,9 @@ def warning(after: Aftermath) -> str | None:
 
 def warnings(after: Aftermath) -> list[str]:
     """Return warnings of finds that do not fit the spill and of too few worlds; empty where all is well."""
-    texts = []
+    texts = verdict.odd(told(after))
     few, many = _odds(after)
-    if min(few, many) < ODD:
+    if min(few, many) < verdict.ODD:
         how = f"so few had a probability of {few:.1g}" if few < many else f"so many had a probability of {many:.1g}"
         texts.append(
             f"the finds ({len(after.posterior.known.finds)}) don't fit the spill: {how} beforehand; "
@@ -303,7 +285,10 @@ def warnings(after: Aftermath) -> list[str]:
 def _odds(after: Aftermath) -> tuple[float, float]:
     """Return the probabilities, before any find, of at most so many finds and of at least so many."""
     posterior, numbers = after.posterior, after.posterior.known.numbers
-    ashore = sum(find.false < 0.5 and not isinstance(find.place, finds.AtSea) for find in posterior.known.finds)
+    ashore = sum(
+        alien < 0.5 and not isinstance(find.place, finds.AtSea)
+        for find, alien in zip(posterior.known.finds, posterior.alien, strict=True)
+    )
     if not posterior.known.finds and not posterior.known.patrols:
         return 1.0, 1.0
     world = weights.shares(after.worlds.log_weight)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from drift.maps import gazetteer
 from drift.output import formats, geojson
 from drift.spill import washup
 from geo import notation, sphere
@@ -35,6 +36,9 @@ def records(data: xr.Dataset) -> Columns:
     order = washup.worst(data)
     at = data.isel(time=-1, segment=order)
     lon, lat = sphere.wrap_degrees(at["lon"].values), at["lat"].values
+    length = at["length"].values / 1000
+    dense = at["expected"].values / np.maximum(length, 1e-9)
+    towns = gazetteer.nearest(lon, lat)
     columns: Columns = {
         "rank": np.arange(1, len(order) + 1),
         "segment": at["segment"].values,
@@ -43,7 +47,11 @@ def records(data: xr.Dataset) -> Columns:
         "lon": np.round(lon, geojson.DIGITS),
         "lat": np.round(lat, geojson.DIGITS),
         "position": [notation.position(x, y) or "" for x, y in zip(lon, lat, strict=True)],
-        "length_km": _significant(at["length"].values / 1000),
+        "near": [name for name, _ in towns],
+        "near_km": _significant(np.array([away / 1000 if name else np.nan for name, away in towns])),
+        "length_km": _significant(length),
+        "rank_per_km": np.argsort(np.argsort(-dense, kind="stable"), kind="stable") + 1,
+        "expected_per_km": _significant(dense),
         **_figures(at),
         "ever": _significant(at["ever"].values),
         "ever_se": _significant(at["ever_se"].values),
@@ -66,6 +74,14 @@ def records(data: xr.Dataset) -> Columns:
 def called(number: int, name: str, place: str) -> str:
     """Return what a stretch is called: its name, or its number and place where its name is only its place."""
     return f"stretch {number}, {name}" if name == place else name
+
+
+def stretch(segments: Segments, number: int) -> str:
+    """Return what a stretch of the coast is called, with the nearest town where its name is only its place."""
+    lon, lat, name = float(segments.lon[number]), float(segments.lat[number]), segments.name[number]
+    place = notation.position(lon, lat) or ""
+    ((town, _),) = gazetteer.nearest(np.array([lon]), np.array([lat]))
+    return called(number, name, place) + (f", near {town}" if town and place and place in name else "")
 
 
 def times(data: xr.Dataset, run: str) -> str:

@@ -429,6 +429,29 @@ def test_figures_and_dataset_say_what_the_grid_says(tmp_path) -> None:
     data.to_netcdf(tmp_path / "origin.nc")
 
 
+def test_finds_that_say_nothing_beyond_the_prior_are_said_to() -> None:
+    """The divergence of two normal laws on a fine grid is that of the closed form; below LITTLE that is a warning."""
+    lat = np.linspace(-0.5, 0.5, 2001)
+    prior = np.exp(-((lat / 0.1) ** 2) / 2)
+
+    def release(centre: float, width: float) -> backward.Origin:
+        chance = np.exp(-(((lat - centre) / width) ** 2) / 2)
+        shares = [(law / law.sum()).reshape(1, -1, 1) for law in (prior, chance)]
+        time = np.array([T0], "datetime64[s]")
+        return backward.Origin(
+            np.zeros(1), lat, time, *shares, (0.0, 0.0, float(T0)), (1.0, 1.0, 1.0), (1.0, 1.0, 1.0), 500, 400.0
+        )
+
+    for centre, width in ((0.0, 0.1), (0.03, 0.09), (0.1, 0.05)):
+        ratio, shift = width / 0.1, centre / 0.1
+        exact = ((ratio**2 + shift**2 - 1) / 2 - np.log(ratio)) / np.log(2)
+        told = release(centre, width)
+        # Cut at five standard deviations: what is beyond holds 6e-7, and says at most 13 nats.
+        assert backward.information(told) == pytest.approx(exact, abs=2e-5)
+        assert backward.summary(told)["information_bit"] == backward.information(told)
+        assert any("next to nothing" in words for words in backward.warnings(told)) == (exact < backward.LITTLE)
+
+
 def test_finds_that_no_release_leads_to_are_refused_by_name(tmp_path) -> None:
     where = environment(sources.constant("current", 0.5, 0.0))
     text = SPILL.replace(f"{WINDOW // HOUR} h", "6 h")

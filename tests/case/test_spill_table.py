@@ -343,6 +343,11 @@ def test_an_unknown_key_is_likened_to_the_keys_of_today(tmp_path: Path) -> None:
 CLASSES = {
     "none": ("", "spill.class"),
     "shares of nothing": (DRUM + "share = 0\n" + BOX + "share = 0\n", "add up to 0"),
+    "shares of more than all": (
+        DRUM + "share = 0.5\n" + BOX + "share = 0.55\n",
+        "add up to 1.05 (drum 0.5, box 0.55); they must add up to 1",
+    ),
+    "a share of nothing left": (DRUM + BOX + "share = 1\n", "they must add up to 1, and leave something for a class"),
     "negative share": (DRUM + "share = -1\n", "at least 0"),
     "share nan": (DRUM + "share = nan\n", "not finite"),
     "five": ("".join(DRUM.replace("drum", f"d{k}") for k in range(5)), "at most 4"),
@@ -396,6 +401,17 @@ def test_a_class_without_a_share_is_left_out(tmp_path: Path) -> None:
     assert 'class "box" is none' in refusal(tmp_path, FIND + AT + TEN + 'class = "box"\n', classes=classes)
     loaded = case_file.load(written(tmp_path, classes=classes))
     assert [scenario.name for scenario in loaded.scenarios] == ["drum"]
+
+
+def test_shares_are_rounded_and_the_rest_is_shared(tmp_path: Path) -> None:
+    third = DRUM.replace("drum", "third") + "share = 0.33\n"
+    for classes, shares in (
+        (DRUM + "share = 0.33\n" + BOX + "share = 0.33\n" + third, [1 / 3] * 3),
+        (DRUM + BOX, [0.5, 0.5]), (DRUM + BOX + third, [0.335, 0.335, 0.33]),
+    ):  # fmt: skip
+        spill = case_file.load(written(tmp_path, classes=classes)).spill
+        assert spill is not None
+        assert [kind.share for kind in spill.kinds] == pytest.approx(shares)
 
 
 def test_a_class_with_a_small_share_has_particles(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from scipy import stats
 
 import drift
 from drift.cli import commands as cli
-from drift.contrast import chapter, figures, pairing, report, units
+from drift.contrast import chapter, figures, pairing, report, text, units
 from drift.contrast.maps import maps
 from drift.contrast.units import GROUPS, Units
 from drift.maps.imprint import Imprint, Setting
@@ -256,6 +256,26 @@ def test_washup_of_spills(spill: drift.Case, tmp_path: Path) -> None:
     assert total.error < 0.5 * apart  # which is what common random numbers are for
     assert sum(row.difference for row in rows) == pytest.approx(total.difference, abs=0.01)
     assert len(rows) > 5
+
+
+def test_what_both_sides_are_given_is_told(spill: drift.Case, tmp_path: Path) -> None:
+    """Finds weigh both sides of a comparison: in words, in the table and in the report; without them there is nothing to tell."""
+    find = {"find": [{"name": "one", "at": [0.0, 0.05], "time": "+40 h"}]}
+    patrol = {"patrol": [{"name": "first", "between": [[0.0, -0.1], [0.0, 0.1]], "time": "+30 h", "detection": 0.2}]}
+    a, b = (drift.vary(spill, {"spill.worlds": 60, **more}) for more in ({**find, **patrol}, find))
+    found = drift.compare(a, b, tmp_path / "out")
+    assert found.given == ("1 find and 1 patrol", "1 find")
+    words = text.facts(found)["given"]
+    assert words.startswith("A is weighed by 1 find and 1 patrol, B by 1 find")
+    assert "--set find='[]' --set patrol='[]'" in words
+    with open(tmp_path / "out" / "compare.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {(row["given_a"], row["given_b"]) for row in rows} == {found.given}
+    for name in ("compare.txt", "report.html"):
+        assert words in (tmp_path / "out" / name).read_text().replace("\\u0027", "'")
+    free = drift.compare(*(drift.vary(case, {"find": [], "patrol": []}) for case in (a, b)))
+    assert free.given == ("nothing", "nothing")
+    assert "given" not in text.facts(free)
 
 
 # --- standard errors against repeated seeds, on clouds made here ---

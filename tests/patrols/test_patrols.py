@@ -1,6 +1,7 @@
 """Planned patrols: against brute force over all choices, particle by particle, and the closed form of a straight coast."""
 
 import itertools
+import json
 import math
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from spills import DAY, METRE, case_of, sampled, scattered, spill
 
 import drift
-from drift.patrols import patrol
+from drift.patrols import files, patrol
 from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import Slot
 from drift.spill import exposure, renewal
@@ -212,6 +213,43 @@ def test_patrols_made_as_planned_find_as_many(planned, tmp_path: Path) -> None:
     assert "no plan of these teams finds more than" in " ".join(words.split())
     assert max(map(len, words.splitlines())) <= 78
     assert (folder / "out" / "patrols.png").stat().st_size > 10_000
+
+
+def test_what_is_longer_than_a_teams_day_is_told(tmp_path: Path, monkeypatch) -> None:
+    """Of two named stretches one is longer than the walkers' day: its length and what lies there, in all that a plan hands out."""
+    from matplotlib.figure import Figure
+
+    case = case_of(tmp_path, duration="3 d", worlds=100)
+    line = {
+        "type": "LineString",
+        "coordinates": [[0, -0.15], [0, 0.15]],
+    }  # 33.4 km and the ends of edges, where most comes ashore
+    feature = {"type": "Feature", "properties": {"name": "Long beach"}, "geometry": line}
+    (tmp_path / "beaches.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    text = case.path.read_text().replace('stretches.length = "10 km"', 'stretches = { file = "beaches.geojson" }')
+    case.path.write_text(text + TEAMS.split('[[patrol_unit]]\nname = "horse"')[0])
+    written: list[str] = []
+    draw = Figure.text
+    monkeypatch.setattr(
+        Figure, "text", lambda self, x, y, s, *a, **k: written.append(s) or draw(self, x, y, s, *a, **k)
+    )
+    plan, result = patrol.patrol(drift.load(case.path), tmp_path / "out")
+    after = result.aftermath
+    (row,) = plan.left_out
+    assert after.segments.name[row.segment] == "Long beach"
+    there = after.washup["segment"].values == row.segment
+    arrived = float(after.washup["arrived"].isel(time=-1).values[there][0])
+    assert 0.5 * arrived < row.lying < arrived  # by its first patrol at 40 h of 72, reported at 0.02 a day
+    words = files.facts(plan, after)["warning 1"]
+    long = f"{after.segments.length[row.segment] / 1000:.1f} km"
+    assert words.startswith(f"walkers leaves out 1 stretch, {long}, where ")
+    assert f"longer than its 21 km a day: Long beach ({long}, " in words
+    assert words in (tmp_path / "out" / "report.html").read_text()
+    assert words in " ".join((tmp_path / "out" / "patrols.txt").read_text().split())
+    assert words[:60] in " ".join(written)
+    table = (tmp_path / "out" / "patrols_left_out.csv").read_text().splitlines()
+    assert len(table) == 2
+    assert table[1].startswith("walkers,21,0,Long beach,")
 
 
 WRONG = {

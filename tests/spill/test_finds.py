@@ -173,17 +173,77 @@ def test_a_find_that_may_be_false_is_the_sum_of_both() -> None:
     fates, count = scattered(20, [30]), numbers([35], None, [0.0, 0.5])
     first, now = Detection("a", 0, 1, 2 * DAY), 7 * DAY
 
-    def log(*seen: Detection) -> Any:
-        return weigh(fates, known(count, list(seen), [], 20, now)).log_likelihood
+    def told(*seen: Detection) -> finds.Posterior:
+        return weigh(fates, known(count, list(seen), [], 20, now))
 
     odd = Detection("b", 0, 2, 5 * DAY)
-    alone, both = log(first), log(first, odd)
+    alone, both = told(first).log_likelihood, told(first, odd).log_likelihood
     here = exposure.expose(fates, Reporting(np.full(3, RATE), LOSS, np.ones(20)), ())
-    public = sum(exposure.reported(here, s, now)[1].sum() for s in range(3))
-    alien = 35 * 0.75 * public / fates.world.size / 3 / now  # equal stretches, since time 0
-    exact = np.logaddexp(both, alone + np.log(0.3 / 0.7 * alien))
-    assert log(first, dataclasses.replace(odd, false=0.3)) == pytest.approx(exact, rel=1e-12)
-    assert log(first, dataclasses.replace(odd, false=1.0)) == pytest.approx(alone, rel=1e-12)
+    public = np.array([exposure.reported(here, s, now)[1].sum() for s in range(3)]) * 35 * 0.75 / fates.world.size
+    alien = 0.3 / 0.7 * (public**2).sum() / public.sum() / now  # equal stretches, since time 0
+    exact = np.logaddexp(both, alone + np.log(alien))
+    doubtful = told(first, dataclasses.replace(odd, false=0.3))
+    assert doubtful.log_likelihood == pytest.approx(exact, rel=1e-12)
+    # Bayes by hand: of all worlds together, the share of what the find is worth as a false one.
+    assert doubtful.alien == pytest.approx([0, alien * np.exp(alone).sum() / np.exp(exact).sum()], rel=1e-10)
+    surely = told(first, dataclasses.replace(odd, false=1.0))
+    assert surely.log_likelihood == pytest.approx(alone, rel=1e-12)
+    assert surely.alien.tolist() == [0, 1]
+
+
+def usual_by_hand(lengths: list[float], rates: list[float], shares: list[float], find: Detection, now: float) -> float:
+    """B of a public find by quadrature, in float64: objects of one world lie on stretches by shares from time 0 on.
+
+    What lies s dense is found with the density s: that is averaged over the finds themselves, along the coast.
+    """
+    found = np.array([share * -np.expm1(-rate * now) for rate, share in zip(rates, shares, strict=True)])
+    edges = np.concatenate([[0.0], np.cumsum(lengths)])
+
+    def dense(x: float) -> float:  # finds by metre and reporting rate, at a place along the coast
+        s = int(np.searchsorted(edges, x, side="right") - 1)
+        return float(found[s] / (lengths[s] * rates[s]))
+
+    def drawn(x: float) -> float:  # finds by metre
+        s = int(np.searchsorted(edges, x, side="right") - 1)
+        return float(found[s] / lengths[s])
+
+    mean = integrate.quad(lambda x: dense(x) * drawn(x), 0, edges[-1], points=edges[1:-1], epsabs=0)[0] / found.sum()
+    return mean * lengths[find.place] * rates[find.place] / now
+
+
+@pytest.mark.parametrize("empty", [0, 3, 40])
+@pytest.mark.parametrize("latest", [False, True])
+def test_coast_where_nothing_comes_does_not_decide_whether_a_find_is_ours(empty: int, latest: bool) -> None:
+    """A domain of twice or ten times the coast: B, the likelihood and what is none of ours stay, to rounding."""
+    lengths, rates = [1e4, 3e4, 2e4], [RATE, RATE / 4, 2 * RATE]
+    n, now, shares = 400, 6 * DAY, [0.5, 0.3, 0.0]
+    stays = [(k, 0 if k < 200 else 1, 0, FOREVER) for k in range(320)]
+    find = Detection("odd", 0, 2, 5 * DAY, latest=latest, false=0.1)
+    coast = np.array([*lengths, *[2.5e4] * empty])
+    reporting = Reporting(np.array([*rates, *[RATE] * empty]), 0.0, np.ones(1))
+    seen = (Detection("a", 0, 0, 2 * DAY), find)
+    told = Known(numbers([30]), seen, (), reporting, coast, now, {})
+    fates = spill(1, [n], stays)
+    by_hand = 30 * usual_by_hand(lengths, rates, shares, find, now) * (find.time if latest else 1)
+    assert finds.usual(fates, told, np.zeros(1)) == pytest.approx([0, by_hand], rel=1e-12)
+    weighed = weigh(fates, told)
+    small = weigh(
+        fates, Known(numbers([30]), seen, (), Reporting(np.array(rates), 0.0, np.ones(1)), coast[:3], now, {})
+    )
+    assert weighed.log_likelihood == pytest.approx(small.log_likelihood, rel=1e-13)
+    assert weighed.alien == pytest.approx(small.alien, rel=1e-12)
+    assert weighed.alien[1] > 0.99  # none of 400 particles came there: at most half of one in 400 does
+
+
+def test_what_others_leave_on_the_shore_is_reckoned_once() -> None:
+    fates = scattered(20, [30])
+    seen = [Detection("a", 0, 1, 2 * DAY), Detection("b", 0, 2, 5 * DAY, false=0.3)]
+    told = known(numbers([35]), seen, [], 20, 7 * DAY)
+    usual = finds.usual(fates, told, np.zeros(20))
+    same = weigh(fates, dataclasses.replace(told, usual=usual))
+    assert (same.log_likelihood == weigh(fates, told).log_likelihood).all()
+    twice = weigh(fates, dataclasses.replace(told, usual=2 * usual))
+    assert twice.alien[1] > same.alien[1]
 
 
 def test_a_find_at_sea_prefers_the_world_adrift_there() -> None:
