@@ -241,12 +241,14 @@ class ScenarioTable(fields.Table):
         if self.arrival_radius is not None and self.overdue is None:
             yield "arrival_radius belongs to overdue, the time by which one would know that it is in port; add overdue"
         if not adrift:
-            for name in ("survival", "jibe", "object", "search_object"):
+            for name in ("survival", "jibe", "object"):
                 if getattr(self, name) is not None:
-                    yield (
-                        f"{name} belongs to what goes adrift; add distress, or leave {name} out (what is looked for "
-                        "under way is vessel.search_object)"
-                    )
+                    yield f"{name} belongs to what goes adrift; add distress, or leave {name} out"
+            if self.search_object is not None:
+                yield (
+                    f'search_object "{self.search_object}" is looked for adrift, and this stays under way; write vessel = '
+                    f'{{ search_object = "{self.search_object}" }}, or add distress'
+                )
 
     def prior(self, start: np.datetime64) -> ReleasePrior | None:
         """Return where and when it begins; None: at the first way point of its first phase."""

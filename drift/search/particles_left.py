@@ -29,7 +29,7 @@ def enough(low: Count) -> int:
     assert low.of is not None
     wanted = low.of * effective.FEW[low.what] / low.number
     digit = 10 ** max(math.floor(math.log10(wanted)) - 1, 0)
-    return math.ceil(wanted / digit) * digit
+    return int(math.ceil(wanted / digit) * digit)
 
 
 def first_low(updates: Updates) -> Update | None:
