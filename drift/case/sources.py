@@ -89,7 +89,9 @@ def _paths(value: Any) -> Any:
 def _one_vector(value: Any) -> Any:
     """Refuse what is not one vector, and say what it would be."""
     if isinstance(value, list):
-        raise ValueError("is one vector, the same all the time; given a list: what changes is table = [{ time = .., .. }, ..]")
+        raise ValueError(
+            "is one vector, the same all the time; given a list: what changes is table = [{ time = .., .. }, ..]"
+        )
     if not isinstance(value, dict | Vector | None):
         raise ValueError(f'{value!r} has no direction; write {{ speed = "15 kn", from = 240 }}, or toward')
     return value
