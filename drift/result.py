@@ -14,7 +14,7 @@ import xarray as xr
 
 from drift.case.record import Case
 from drift.environment.ambient import Flow
-from drift.forecast import effective
+from drift.forecast import effective, mapped
 from drift.forecast import tables as forecast_tables
 from drift.forecast import tracks as forecast_tracks
 from drift.forecast.build import Forecast
@@ -99,7 +99,7 @@ class Result:
         return geopandas.GeoDataFrame(rows, columns=columns, geometry="geometry", crs="EPSG:4326")
 
     def plot(self, time: Any = None) -> Any:
-        """Return the map of an output time as a matplotlib.figure.Figure; time: np.datetime64 or text, by default the last.
+        """Return the map of an output time as a matplotlib.figure.Figure; time: np.datetime64 or text, by default that of map.png.
 
         A notebook shows it, whether pyplot has been imported or not. Raises UserError for a time that is no output's.
         """
@@ -115,7 +115,7 @@ class Result:
         """Return the number of an output time."""
         times = self.forecast.data["time"].values
         if time is None:
-            return len(times) - 1
+            return mapped.opening(self.forecast.data, self.setting.opens)
         try:
             found = np.flatnonzero(times == np.datetime64(str(time).rstrip("Z")))
         except ValueError:
@@ -148,7 +148,7 @@ class Result:
         warned = "".join(
             f"<p style='color:#c62828;font-weight:bold'>{html.escape(words)}</p>" for words in cautions if words
         )
-        image = base64.b64encode(_png(self.plot())).decode("ascii")
+        image = base64.b64encode(_png(self.plot(last["time"].values))).decode("ascii")
         title = html.escape(self.case.title)
         return (
             f"<h4>{title}</h4>{warned}<table>{cells}</table>"

@@ -70,6 +70,7 @@ class Case:
     depth: Depth | None = None  # where boats have too little water
     inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
     counts: tuple[int, ...] | None = None  # particles of each scenario; None: by their weights
+    opens: np.datetime64 | None = None  # the output that map.png and the report show first; None: the last
     tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)  # as read, overrides included
 
     @property

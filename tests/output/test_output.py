@@ -19,6 +19,7 @@ from places import ROOT
 
 from drift.forecast import build as forecast_build
 from drift.forecast import chapter as forecast_chapter
+from drift.forecast import map as forecast_map
 from drift.forecast.tracks import Trajectories
 from drift.maps.imprint import Imprint, Setting
 from drift.output import writer
@@ -91,6 +92,16 @@ def written(tmp_path_factory, forecast, tracks):
 @pytest.fixture
 def out(written):
     return written[0]
+
+
+@pytest.mark.parametrize(("opens", "shown"), [(None, -1), (0, 0), (1, 1)])
+def test_map_png_is_of_the_output_that_matters(monkeypatch, tmp_path, forecast, tracks, opens, shown):
+    drawn = []
+    monkeypatch.setattr(forecast_map, "draw_map", lambda *_, time, **__: drawn.append(TIMES[time]))
+    setting = Setting(Imprint("test"), opens=None if opens is None else TIMES[opens] + np.timedelta64(5, "s"))
+    pictures = forecast_chapter.chapter(forecast_chapter.Matter(forecast, tracks, setting)).pictures
+    pictures["map.png"](tmp_path / "map.png")
+    assert drawn == [TIMES[shown]]
 
 
 def write_little(folder, pictures=MappingProxyType({"map.png": ink}), **more):
