@@ -150,7 +150,7 @@ class Jobs:
             job.process = await asyncio.create_subprocess_exec(
                 sys.executable, "-c", code, *given,
                 stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
-                cwd=empty, env=self._environment(), start_new_session=os.name == "posix",
+                cwd=empty, env=self._environment(empty), start_new_session=os.name == "posix",
             )  # fmt: skip
             try:
                 if job.state == "cancelled":  # while it was started
@@ -162,8 +162,8 @@ class Jobs:
                 if job.process.returncode is None:
                     _kill(job.process)
 
-    def _environment(self) -> dict[str, str]:
-        own = {fence.NAME: fence.text(self._fence), "DRIFT_PROGRESS": "lines"}
+    def _environment(self, empty: str) -> dict[str, str]:
+        own = {fence.NAME: fence.text(self._fence), "DRIFT_PROGRESS": "lines", "TMPDIR": empty}
         return os.environ | own | {"PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8:replace"}
 
 

@@ -16,6 +16,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import hostile_netcdf
 import pytest
 import small_case
 from desks import NASTY, Server, finished, until
@@ -25,7 +26,7 @@ import drift
 from drift.cli import commands
 from drift.desk import gate, jobs, names, server, shelf
 from geo.errors import UserError
-from geo.files import fence
+from geo.files import fence, landlock
 
 LONG = 'particles = 200000\nduration = "240 h"\nclock.step = "60 s"'  # minutes of work, to be cancelled
 SLOW = small_case.STEADY.replace("particles = 500", "").replace('duration = "6 h"', LONG)
@@ -394,6 +395,16 @@ def test_a_shoreline_outside_is_refused_too(served: Server) -> None:
     job = over(served, ask_for(served, "check", "shore.toml", text))
     assert job["state"] == "failed"
     assert "outside the folders" in "\n".join(job["lines"])
+
+
+@pytest.mark.skipif(not landlock.version(), reason="this system has no Landlock")
+def test_no_current_is_taken_from_a_file_that_a_file_names(served: Server) -> None:
+    """A netCDF-4 file in the folder with its values in one outside: the kernel refuses the job what the library asks for."""
+    hostile_netcdf.secret(served.folder.parent / "values.bin", "storage")
+    hostile_netcdf.write(served.folder / "current.nc", "storage", served.folder.parent / "values.bin")
+    job = over(served, ask_for(served, "check", "hostile.toml", small_case.CASE))
+    assert job["state"] == "failed"
+    assert "cannot read slice 0 of uo (NetCDF: HDF error)" in job["lines"][-1]
 
 
 @pytest.mark.slow
