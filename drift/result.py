@@ -3,6 +3,7 @@
 import base64
 import html
 import io
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -32,6 +33,8 @@ from drift.spill.renewal import Aftermath
 from geo import notation
 from geo.errors import UserError
 from geo.notation import NMI
+
+ISO = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")  # as geo.notation.iso writes times
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,7 @@ class Result:
 
     @property
     def tables(self) -> dict[str, pandas.DataFrame]:
-        """The tables of the run by name, those of its CSV files; times are UTC."""
+        """The tables of the run by name, those of its CSV files; times as in `probability`: UTC, datetime64[ns]."""
         run = formats.run_id(self.setting.imprint.attributes)
         texts = {
             "track": forecast_tables.track(self.forecast, run),
@@ -96,7 +99,8 @@ class Result:
             raise UserError("geopandas is not installed: pip install -e '.[notebook]' where drift lies") from None
         rows = [(c.time, c.share, c.area / NMI**2, c.polygon) for c in self.forecast.contours]
         columns = ["time", "share", "area_nmi2", "geometry"]
-        return geopandas.GeoDataFrame(rows, columns=columns, geometry="geometry", crs="EPSG:4326")
+        frame = geopandas.GeoDataFrame(rows, columns=columns, geometry="geometry", crs="EPSG:4326")
+        return frame.astype({"time": "datetime64[ns]"})
 
     def plot(self, time: Any = None) -> Any:
         """Return the map of an output time as a matplotlib.figure.Figure; time: np.datetime64 or text, by default the last.
@@ -164,7 +168,13 @@ def _png(figure: Any) -> bytes:
 
 
 def _frame(text: str) -> pandas.DataFrame:
-    """Return a CSV text as a pandas.DataFrame, its times parsed."""
+    """Return a CSV text as a pandas.DataFrame, its times in UTC without a zone, as xarray has them: they join."""
     frame = pandas.read_csv(io.StringIO(text))
-    times = [name for name in frame.columns if name == "time" or name.endswith("_time")]
-    return frame.assign(**{name: pandas.to_datetime(frame[name]) for name in times})
+    times = [name for name in frame.columns if _is_time(name, frame[name].dropna())]
+    parsed = {name: pandas.to_datetime(frame[name], utc=True).dt.tz_localize(None) for name in times}
+    return frame.assign(**{name: column.astype("datetime64[ns]") for name, column in parsed.items()})
+
+
+def _is_time(name: str, given: Any) -> bool:
+    """Whether a column is of times: by its name, or as all that is given in it is ISO 8601."""
+    return name == "time" or name.endswith("_time") or (len(given) > 0 and all(map(ISO.fullmatch, map(str, given))))

@@ -14,6 +14,7 @@ import xarray as xr
 from pyproj import Geod
 
 import drift
+from drift.result import _frame
 from geo import sphere
 
 CASE = """
@@ -61,7 +62,30 @@ def test_tables_are_those_of_the_files(ran: tuple[drift.Result, Path]) -> None:
         numbers = written.select_dtypes("number").columns
         pd.testing.assert_frame_equal(table[numbers], written[numbers])
     times = result.tables["track"]["time"]
-    assert (times.dt.tz_localize(None).to_numpy() == xr.open_dataset(folder / "forecast.nc")["time"].values).all()
+    assert (times.to_numpy() == xr.open_dataset(folder / "forecast.nc")["time"].values).all()
+
+
+def test_times_of_all_join(ran: tuple[drift.Result, Path]) -> None:
+    """Tables, areas, particles and maps have times of one kind: UTC as xarray has it."""
+    result, _ = ran
+    maps = result.probability.indexes["time"]
+    assert {table["time"].dtype for table in [*result.tables.values(), result.areas] if "time" in table} == {maps.dtype}
+    areas, track = result.areas, result.tables["track"].set_index("time")
+    assert len(areas.join(track, on="time", how="inner")) == len(areas) > 0
+    assert track.index.equals(maps)
+    assert result.probability.sel(time=areas["time"].iloc[-1]).equals(result.probability[-1])
+    assert track["area_95_nmi2"].to_xarray().broadcast_like(result.particles["weight"]).notnull().all()
+    first = result.tables["ashore"]["first_time"]
+    assert first.dtype == maps.dtype
+
+
+def test_columns_of_times_are_times_whatever_they_are_called() -> None:
+    """Those of washup.csv and lines.csv are named by shares; words stay words, and nothing at all stays empty."""
+    frame = _frame("first_50,time,value\n2026-01-02T03:04:05Z,,2026-01-02T03:04:05Z\n,,word\n")
+    assert list(map(str, frame.dtypes)) == ["datetime64[ns]", "datetime64[ns]", str(frame["value"].dtype)]
+    assert frame["first_50"][0] == pd.Timestamp("2026-01-02T03:04:05")
+    assert frame["value"][1] == "word"
+    assert frame.isna().sum().tolist() == [1, 2, 0]
 
 
 def test_particles_are_those_of_the_file(ran: tuple[drift.Result, Path]) -> None:
