@@ -9,14 +9,16 @@ import time
 from pathlib import Path
 
 from drift.cli import commands
-from geo.files import fence, landlock
+from geo.files import child, fence, landlock
 
 PACKAGES = ("drift", "geo", "kernels", "cases")
 GRACE = 10.0  # [s] to leave nothing half written
 
 
-def main() -> None:
-    """Run the command line, and end the process once its input does."""
+def main(memory: int | None = None) -> None:
+    """Run the command line, and end the process once its input does; memory: the most that it may take [bytes]."""
+    if memory is not None:
+        child.limit(RLIMIT_DATA=memory)  # what it may write to, of which some it never does
     enclose()
     threading.Thread(target=_watch, daemon=True).start()
     commands.leave()
