@@ -34,10 +34,11 @@ from geo import notation
 from geo.errors import UserError
 from geo.notation import NMI
 
+OFFERS = ("probability", "particles", "tables", "areas", "plot()", "washup", "summary", "forecast", "case")
 ISO = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")  # as geo.notation.iso writes times
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result:
     """A forecast, the numbers about it, and its subsample's tracks."""
 
@@ -52,6 +53,11 @@ class Result:
     begun: Standing | None = None  # how a search stood before any of them; None: no sorties, no survival times
     posteriors: Posteriors | None = None  # of what is not position; None: nothing steers and nothing was seen
     flows: Mapping[str, Flow] = field(default_factory=dict)  # winds and currents of the likeliest story, for arrows
+
+    def __repr__(self) -> str:
+        """Return what it is, in a few lines."""
+        rows = "\n".join(f"  {name}: {words}" for name, words in self._told())
+        return f'<drift.Result "{self.case.title}"\n{rows}\n  has: {", ".join(OFFERS)}>'
 
     @property
     def probability(self) -> xr.DataArray:
@@ -133,20 +139,9 @@ class Result:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: how the run ended, its warnings and its map."""
-        data, last = self.forecast.data, self.forecast.data.isel(time=-1)
-        count = effective.at(data, -1, self.case.particles)
-        rows = [
-            ("Valid", notation.group(last["time"].values[()])),
-            ("Mean position", notation.position(last["mean_lon"].item(), last["mean_lat"].item()) or "none"),
-            ("Datum", notation.position(last["datum_lon"].item(), last["datum_lat"].item()) or "none"),
-            *(
-                (f"{notation.percent(share)} % area", f"{area / NMI**2:,.0f} nmi²" if area == area else "none")
-                for share, area in zip(last["share"].values, last["containment_area"].values, strict=True)
-            ),
-            ("Counts", count.words),
-        ]
         cells = "".join(
-            f"<tr><th style='text-align:left'>{name}</th><td>{html.escape(words)}</td></tr>" for name, words in rows
+            f"<tr><th style='text-align:left'>{name}</th><td>{html.escape(words)}</td></tr>"
+            for name, words in self._told()
         )
         cautions = [self.setting.imprint.caution, *self.summary["warnings"]]
         warned = "".join(
@@ -158,6 +153,21 @@ class Result:
             f"<h4>{title}</h4>{warned}<table>{cells}</table>"
             f"<img alt='Map: {html.escape(self.case.title, quote=True)}' style='max-width:100%' src='data:image/png;base64,{image}'>"
         )
+
+    def _told(self) -> list[tuple[str, str]]:
+        """Return how the run ended, by name."""
+        data, last = self.forecast.data, self.forecast.data.isel(time=-1)
+        count = effective.at(data, -1, self.case.particles)
+        return [
+            ("Valid", notation.group(last["time"].values[()])),
+            ("Mean position", notation.position(last["mean_lon"].item(), last["mean_lat"].item()) or "none"),
+            ("Datum", notation.position(last["datum_lon"].item(), last["datum_lat"].item()) or "none"),
+            *(
+                (f"{notation.percent(share)} % area", f"{area / NMI**2:,.0f} nmi²" if area == area else "none")
+                for share, area in zip(last["share"].values, last["containment_area"].values, strict=True)
+            ),
+            ("Counts", count.words),
+        ]
 
 
 def _png(figure: Any) -> bytes:

@@ -127,6 +127,27 @@ def test_the_map_is_map_png(ran: tuple[drift.Result, Path]) -> None:
         result.plot("tomorrow")
 
 
+def test_reprs_are_a_few_lines_that_tell_what_it_is(ran: tuple[drift.Result, Path]) -> None:
+    """Of every public record that holds arrays; the result's figures are those of its tables."""
+    result = ran[0]
+    brief = next(drift.run_many([result.case]))
+    told = {
+        "case": repr(result.case), "result": repr(result), "brief": repr(brief),
+    }  # fmt: skip
+    for text in told.values():
+        assert len(text) < 700
+        assert text.count("\n") < 10
+        assert result.case.title in text
+    assert told["case"].splitlines()[1:] == [
+        "  2015-11-16T06:00:00Z to 2015-11-16T15:00:00Z, 5 outputs, 3,000 particles, seed 3",
+        "  1 scenario: raft; 1 contact>",
+    ]
+    track = result.tables["track"].iloc[-1]
+    assert f"50 % area: {track['area_50_nmi2']:,.0f} nmi²" in told["result"]
+    assert track["mean_position"] in told["result"]
+    assert told["brief"].endswith(f": {len(brief.times)} outputs, 3,000 particles>")
+
+
 def test_a_notebook_shows_it(ran: tuple[drift.Result, Path]) -> None:
     """Names from the case are text, and the picture is inside."""
     shown = ran[0]._repr_html_()

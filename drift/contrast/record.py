@@ -14,7 +14,7 @@ from drift.result import Result
 OF_RUN = ("POS", "cumulative POS", "POS of the next plan", "ashore")  # quantities of the run as a whole
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Contrast:
     """Two results on common random numbers, and their differences."""
 
@@ -26,6 +26,13 @@ class Contrast:
     step: int  # [s]
     plans: tuple[Plan, Plan] | None = None  # the next search of each, where that was asked for
     notes: tuple[str, ...] = ()  # what keeps the random numbers from being common
+
+    def __repr__(self) -> str:
+        """Return what it is, in a few lines."""
+        return (
+            f'<Contrast "{self.title}"\n  {len(self.times)} outputs, {len(self.rows)} figures in differences, maps in data, '
+            "results in a and b>"
+        )
 
     @property
     def differences(self) -> pandas.DataFrame:
