@@ -218,7 +218,7 @@ def _put(data: dict[str, Any], key: str, new: Any) -> None:
 
 def _index(node: Any, part: str, key: str) -> int:
     if not isinstance(node, list):
-        raise UserError(f'--set {key}: there is nothing called "{part}" inside a value')
+        raise UserError(f'{key}: there is nothing called "{part}" inside a value')
     if not part.isdecimal() or int(part) >= len(node):
-        raise UserError(f'--set {key}: "{part}" is not a number from 0 to {len(node) - 1}')
+        raise UserError(f'{key}: "{part}" is not a number from 0 to {len(node) - 1}')
     return int(part)

@@ -312,7 +312,7 @@ REFUSED: list[tuple[dict[str, str], str]] = [
     ({"current.0.table": "[]"}, r"found constant and table; leave one out \(--set gives a whole source so: current.0='\{ constant"),
     ({"wind.0": "{ table = [{ time = '+0 h', speed = 5, from = 3 }] }"}, "at least two rows"),
     ({"wind.0": "{ table = [{ time = '+1 h', east = 5, north = 3 }, { time = '+1 h', east = 1, north = 3 }] }"}, "come after"),
-    ({"scenario.5.weight": "1"}, r'--set scenario.5.weight: "5" is not a number from 0 to 0'),
+    ({"scenario.5.weight": "1"}, r': scenario.5.weight: "5" is not a number from 0 to 0'),
     ({"title.x": "1"}, "nothing called"),
 ]  # fmt: skip
 
@@ -354,7 +354,7 @@ def test_all_mistakes_in_tables_are_told_and_none_that_only_follows(tmp_path: Pa
         "seed.3": "1",
     }
     assert beginnings(tmp_path, text, changes) == [
-        '--set title.x: there is nothing called "x" inside a value',
+        'title.x: there is nothing called "x" inside a value',
     ]
     del changes["title.x"], changes["seed.3"]
     found = beginnings(tmp_path, text, changes)

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
+import pyproj
 import pytest
 import shapely
 import xarray as xr
@@ -155,6 +156,17 @@ def test_forecast_opens_decoded_and_follows_cf(out, forecast):
     with xr.open_dataset(out / "forecast.nc", decode_cf=False) as raw:
         assert raw["time"].attrs["units"].startswith("seconds since")
         assert "_FillValue" not in raw["lon"].attrs
+
+
+@pytest.mark.parametrize(("file", "along"), [("forecast.nc", {"lat", "lon"}), ("particles.nc", {"trajectory", "time"})])
+def test_every_file_says_on_which_earth_it_is(out, file, along):
+    """PROJ makes the sphere of our distances of it, and leaves positions where they are on a chart."""
+    with xr.open_dataset(out / file, decode_coords="all") as data:  # a reference that is broken is a warning
+        referring = {name for name, v in data.data_vars.items() if v.encoding.get("grid_mapping") == "crs"}
+        assert referring == {name for name, v in data.data_vars.items() if along <= set(v.dims)}
+        crs = pyproj.CRS.from_cf(data["crs"].attrs)
+    assert crs.get_geod().a == crs.get_geod().b == sphere.RADIUS
+    assert pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(179.9, -17.2) == (179.9, -17.2)
 
 
 def test_particles_are_cf_trajectories(out, tracks):
