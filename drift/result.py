@@ -147,7 +147,7 @@ class Result:
         warned = "".join(
             f"<p style='color:#c62828;font-weight:bold'>{html.escape(words)}</p>" for words in cautions if words
         )
-        image = base64.b64encode(_png(self.plot(last["time"].values))).decode("ascii")
+        image = base64.b64encode(_png(self.plot(self.forecast.data["time"].values[-1]))).decode("ascii")
         title = html.escape(self.case.title)
         return (
             f"<h4>{title}</h4>{warned}<table>{cells}</table>"
