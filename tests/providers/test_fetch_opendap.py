@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import hostile
@@ -24,7 +25,10 @@ from places import ROOT
 import drift
 from drift.cli import commands as cli
 from drift.providers import opendap, parts
+from drift.providers.catalogue import Provider
 from drift.providers.fetching import Fetched
+from drift.providers.order import Order
+from geo.box import Box
 from geo.errors import UserError
 from geo.forcing import sources
 
@@ -153,6 +157,34 @@ def two(folder: Path, address: str, names: tuple[str, str], level: float) -> Pat
     path = folder / "two.toml"
     path.write_text(f"{text}level = {level}\n", encoding="utf-8")
     return path
+
+
+def test_what_a_part_holds_is_what_it_is_known_by(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A part that is kept serves another order only if both hold the same: box, times, and the state of the dataset."""
+    lon, lat, box = AXES["plain"]
+    sea = ocean(lon, lat)
+    u = sea["u"]
+    monkeypatch.setattr(opendap, "PART", 3_000)
+    with hostile.serving(hostile.speaking_dap(sea)) as address:
+
+        def keys(where: tuple[float, ...], begin: str, said: dict[str, object]) -> list[str]:
+            sea["u"] = replace(u, attributes={**u.attributes, **said})
+            times = (np.datetime64(when.rstrip("Z"), "s") for when in (begin, END))
+            one = Provider("trial", "trial", "current", "opendap", ("u", "v"), (address,))
+            shipment = opendap.ship(Order(one, Box(where[0], where[1], where[2], where[3]), *times, 5.0))
+            return [part.key for part in shipment.parts]
+
+        first = keys(box, BEGIN, {})
+        assert len(set(first)) == len(first) > 2
+        assert keys(box, BEGIN, {"history": "asked just now"}) == first
+        assert keys(box, "2024-03-01T02:10Z", {}) == first  # between the same two times
+        moved = (box[0] + 3, box[1], box[2] + 3, box[3])  # as many columns
+        for other in (
+            keys(moved, BEGIN, {}),
+            keys(box, "2024-03-01T01:10Z", {})[:-1],
+            keys(box, BEGIN, {"scale_factor": np.float32(0.002)}),
+        ):
+            assert not set(other) & set(first)
 
 
 @pytest.mark.parametrize("level", [0, 2.4, -15])
