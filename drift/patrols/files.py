@@ -110,7 +110,7 @@ def too_long(plan: PatrolPlan, after: Aftermath, *, most: int = LONGEST) -> list
         ]
         if len(rows) > most:
             named.append(
-                f"{'and ' if most else ''}{len(rows) - most} {'others' if most else 'in all'}, see patrols_left_out.csv"
+                f"and {len(rows) - most} others, see patrols_left_out.csv" if most else "see patrols_left_out.csv"
             )
         many = f"{len(rows)} stretch{'es' * (len(rows) > 1)}, {sum(length):.1f} km"
         lines.append(
