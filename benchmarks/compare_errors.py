@@ -57,7 +57,7 @@ def main(seeds: int) -> None:
     for seed in range(seeds):
         a = drift.vary(case, {"seed": seed})
         found = drift.compare(a, drift.vary(a, CHANGES))
-        for row in found.differences:
+        for row in found.rows:
             if row.time == found.times[-1]:
                 values.setdefault((row.quantity, row.name), []).append((row.difference, row.error))
         at = found.data.isel(time=-1)

@@ -187,6 +187,8 @@ def seen(kind: int) -> Callable[[], object]:
         np.ones(1),
         exposure,
         passed,
+        (own.status, own.status_since),
+        True,
     )
     return lambda: sweep_targets.expose(*args)
 

@@ -114,6 +114,7 @@ def setting(case: Case, where: Environment, shown: Shown | None = None) -> Setti
         others(stories, shown),
         known_as,
         case.particles,
+        case.opens,
         [partial(_itineraries, stories)] if any(scenario.itinerary for scenario in stories) else (),
     )
 

@@ -232,8 +232,9 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
             chapters.append(suspend_chapter.chapter(suspend_matter))
         # Legs and contacts would hide small maps; fields and barriers are few lines.
         sensors = [partial(search_chapter.overlay, (), (), sensors=case.sensors)] if case.sensors.telling else []
+        mapped_at = failed if planned is None else replace(failed, opens=None)  # its map is of the time after the plan
         forecast_matter = forecast_chapter.Matter(
-            result.forecast, result.trajectories, failed, result.overlays, sensors
+            result.forecast, result.trajectories, mapped_at, result.overlays, sensors
         )
         chapters.insert(0, forecast_chapter.chapter(forecast_matter))
         publish(job.out, chapters, failed, overwrite=job.overwrite)

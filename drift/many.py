@@ -34,7 +34,7 @@ AHEAD = 2  # forecasts at most that drift before the maps of one are done
 NOTHING = np.empty((0, 0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Brief:
     """A forecast in brief: its particles at each output, and its maps where they were asked for.
 
@@ -51,6 +51,13 @@ class Brief:
     step: int = 0  # [s]
     forecast: Forecast | None = None  # maps: of all outputs, or of the last
     error: UserError | None = None
+
+    def __repr__(self) -> str:
+        """Return what it is, in a line."""
+        told = (
+            f"refused: {self.error}" if self.error else f"{len(self.times)} outputs, {self.lon.shape[-1]:,} particles"
+        )
+        return f'<drift.Brief "{self.case.title}": {told}>'
 
 
 def run_many(

@@ -3,6 +3,7 @@
 import base64
 import html
 import io
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -14,7 +15,7 @@ import xarray as xr
 
 from drift.case.record import Case
 from drift.environment.ambient import Flow
-from drift.forecast import effective
+from drift.forecast import effective, mapped
 from drift.forecast import tables as forecast_tables
 from drift.forecast import tracks as forecast_tracks
 from drift.forecast.build import Forecast
@@ -33,8 +34,11 @@ from geo import notation
 from geo.errors import UserError
 from geo.notation import NMI
 
+OFFERS = ("probability", "particles", "tables", "areas", "plot()", "washup", "summary", "forecast", "case")
+ISO = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")  # as geo.notation.iso writes times
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class Result:
     """A forecast, the numbers about it, and its subsample's tracks."""
 
@@ -49,6 +53,11 @@ class Result:
     begun: Standing | None = None  # how a search stood before any of them; None: no sorties, no survival times
     posteriors: Posteriors | None = None  # of what is not position; None: nothing steers and nothing was seen
     flows: Mapping[str, Flow] = field(default_factory=dict)  # winds and currents of the likeliest story, for arrows
+
+    def __repr__(self) -> str:
+        """Return what it is, in a few lines."""
+        rows = "\n".join(f"  {name}: {words}" for name, words in self._told())
+        return f'<drift.Result "{self.case.title}"\n{rows}\n  has: {", ".join(OFFERS)}>'
 
     @property
     def probability(self) -> xr.DataArray:
@@ -67,7 +76,7 @@ class Result:
 
     @property
     def tables(self) -> dict[str, pandas.DataFrame]:
-        """The tables of the run by name, those of its CSV files; times are UTC."""
+        """The tables of the run by name, those of its CSV files; times as in `probability`: UTC, datetime64[ns]."""
         run = formats.run_id(self.setting.imprint.attributes)
         texts = {
             "track": forecast_tables.track(self.forecast, run),
@@ -96,10 +105,11 @@ class Result:
             raise UserError("geopandas is not installed: pip install -e '.[notebook]' where drift lies") from None
         rows = [(c.time, c.share, c.area / NMI**2, c.polygon) for c in self.forecast.contours]
         columns = ["time", "share", "area_nmi2", "geometry"]
-        return geopandas.GeoDataFrame(rows, columns=columns, geometry="geometry", crs="EPSG:4326")
+        frame = geopandas.GeoDataFrame(rows, columns=columns, geometry="geometry", crs="EPSG:4326")
+        return frame.astype({"time": "datetime64[ns]"})
 
     def plot(self, time: Any = None) -> Any:
-        """Return the map of an output time as a matplotlib.figure.Figure; time: np.datetime64 or text, by default the last.
+        """Return the map of an output time as a matplotlib.figure.Figure; time: np.datetime64 or text, by default that of map.png.
 
         A notebook shows it, whether pyplot has been imported or not. Raises UserError for a time that is no output's.
         """
@@ -115,7 +125,7 @@ class Result:
         """Return the number of an output time."""
         times = self.forecast.data["time"].values
         if time is None:
-            return len(times) - 1
+            return mapped.opening(self.forecast.data, self.setting.opens)
         try:
             found = np.flatnonzero(times == np.datetime64(str(time).rstrip("Z")))
         except ValueError:
@@ -129,9 +139,26 @@ class Result:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: how the run ended, its warnings and its map."""
+        cells = "".join(
+            f"<tr><th style='text-align:left'>{name}</th><td>{html.escape(words)}</td></tr>"
+            for name, words in self._told()
+        )
+        cautions = [self.setting.imprint.caution, *self.summary["warnings"]]
+        warned = "".join(
+            f"<p style='color:#c62828;font-weight:bold'>{html.escape(words)}</p>" for words in cautions if words
+        )
+        image = base64.b64encode(_png(self.plot(self.forecast.data["time"].values[-1]))).decode("ascii")
+        title = html.escape(self.case.title)
+        return (
+            f"<h4>{title}</h4>{warned}<table>{cells}</table>"
+            f"<img alt='Map: {html.escape(self.case.title, quote=True)}' style='max-width:100%' src='data:image/png;base64,{image}'>"
+        )
+
+    def _told(self) -> list[tuple[str, str]]:
+        """Return how the run ended, by name."""
         data, last = self.forecast.data, self.forecast.data.isel(time=-1)
         count = effective.at(data, -1, self.case.particles)
-        rows = [
+        return [
             ("Valid", notation.group(last["time"].values[()])),
             ("Mean position", notation.position(last["mean_lon"].item(), last["mean_lat"].item()) or "none"),
             ("Datum", notation.position(last["datum_lon"].item(), last["datum_lat"].item()) or "none"),
@@ -141,19 +168,6 @@ class Result:
             ),
             ("Counts", count.words),
         ]
-        cells = "".join(
-            f"<tr><th style='text-align:left'>{name}</th><td>{html.escape(words)}</td></tr>" for name, words in rows
-        )
-        cautions = [self.setting.imprint.caution, *self.summary["warnings"]]
-        warned = "".join(
-            f"<p style='color:#c62828;font-weight:bold'>{html.escape(words)}</p>" for words in cautions if words
-        )
-        image = base64.b64encode(_png(self.plot())).decode("ascii")
-        title = html.escape(self.case.title)
-        return (
-            f"<h4>{title}</h4>{warned}<table>{cells}</table>"
-            f"<img alt='Map: {html.escape(self.case.title, quote=True)}' style='max-width:100%' src='data:image/png;base64,{image}'>"
-        )
 
 
 def _png(figure: Any) -> bytes:
@@ -164,7 +178,13 @@ def _png(figure: Any) -> bytes:
 
 
 def _frame(text: str) -> pandas.DataFrame:
-    """Return a CSV text as a pandas.DataFrame, its times parsed."""
+    """Return a CSV text as a pandas.DataFrame, its times in UTC without a zone, as xarray has them: they join."""
     frame = pandas.read_csv(io.StringIO(text))
-    times = [name for name in frame.columns if name == "time" or name.endswith("_time")]
-    return frame.assign(**{name: pandas.to_datetime(frame[name]) for name in times})
+    times = [name for name in frame.columns if _is_time(name, frame[name].dropna())]
+    parsed = {name: pandas.to_datetime(frame[name], utc=True).dt.tz_localize(None) for name in times}
+    return frame.assign(**{name: column.astype("datetime64[ns]") for name, column in parsed.items()})
+
+
+def _is_time(name: str, given: Any) -> bool:
+    """Whether a column is of times: by its name, or as all that is given in it is ISO 8601."""
+    return name == "time" or name.endswith("_time") or (len(given) > 0 and all(map(ISO.fullmatch, map(str, given))))

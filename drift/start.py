@@ -167,7 +167,7 @@ def search(case: Case, begin: Start, beliefs: Beliefs | None = None, noted: Note
 
     return Search(
         ensemble_spec(case), case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors,
-        note if beliefs or noted else None,
+        note if beliefs or noted else None, (case.plan.begin,) if case.units else (),
     )  # fmt: skip
 
 

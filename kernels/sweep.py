@@ -167,6 +167,7 @@ def _expose(
     scales: ti.i32,
     exposure: Reals,
     size: ti.i32,
+    shore: ti.i32,
 ):
     for nth in range(first, last):
         i = batch.slot(listed, slots, nth)
@@ -178,6 +179,8 @@ def _expose(
             times = life.behind(status[i], release[i], status_since[i], moving_since[i], elapsed, duration)
             seen, leaves = ti.cast(times[0] - elapsed, ti.f32), ti.cast(times[1] - elapsed, ti.f32)
             moored, gone = ti.cast(times[2] - elapsed, ti.f32), ti.cast(times[3] - elapsed, ti.f32)
+            if shore == 0:  # neither on the beach before it refloats nor once it has stranded
+                seen, gone = leaves, moored
             pace = 1.0 / ti.max(moored - leaves, 1.0)
             x, y = before_lon[i], before_lat[i]
             dx, dy = ti.cast(lon[i] - x, ti.f32), ti.cast(lat[i] - y, ti.f32)
@@ -324,6 +327,7 @@ def expose(
     table,
     scale,
     exposure,
+    shore: bool = True,
 ) -> None:
     """Add to the exposure of the slots of a batch what a sensor does on a stretch of the step just made.
 
@@ -332,13 +336,13 @@ def expose(
     abeam, for each factor of W, table a lateral range curve and scale 1 / W by factor [1/m], 0 for what is not seen;
     ZONES hazards, table radii in pairs [m] and scale rates [1/s]; INSIDE the time inside the ring `table` [m] round the
     track, times scale. scale: numbers (m,), or by scenario of the run (scenarios, m). exposure: device, (n,), for ABEAM
-    (factors * n,).
+    (factors * n,). shore: whether what lies ashore is seen.
     """
     e, scale = ensemble, np.asarray(scale, np.float32)
     _expose(
         kind, own.listed, own.first, own.last, own.slots, e.scenario, *before, e.lon, e.lat, e.status, e.release,
         e.status_since, e.moving_since, elapsed, duration, *track[:-1], np.asarray(table, np.float32), scale.reshape(-1),
-        scale.shape[1] if scale.ndim == 2 else 0, scale.shape[-1], exposure, e.n,
+        scale.shape[1] if scale.ndim == 2 else 0, scale.shape[-1], exposure, e.n, int(shore),
     )  # fmt: skip
 
 

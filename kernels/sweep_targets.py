@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from kernels import batch, noise, ways
+from kernels import batch, life, noise, ways
 from kernels.batch import Batch
 from kernels.coast import Ints, Reals
 from kernels.pieces import NONE, Pieces
@@ -129,6 +129,9 @@ def _expose(
     exposure: Reals,
     passed: Reals,
     size: ti.i32,
+    status: Ints,
+    status_since: Ints,
+    shore: ti.i32,
 ):
     for nth in range(first, last):
         i = batch.listed_slot(listed, slots, nth)
@@ -144,7 +147,8 @@ def _expose(
         while here != NONE:
             begin = ti.cast(pieces.piece_begin[here] - elapsed, ti.f32)
             whole = ti.cast(pieces.piece_end[here] - pieces.piece_begin[here], ti.f32)
-            if begin < time[time.shape[0] - 1] and begin + whole > time[0]:
+            aground = status[i] == life.AGROUND and pieces.piece_begin[here] >= status_since[i]
+            if begin < time[time.shape[0] - 1] and begin + whole > time[0] and (shore == 1 or not aground):
                 k = pieces.piece_k[here]
                 # Parts of the piece, halved where it matters: their ends on a stack, the nearest one on top.
                 ends_x, ends_y, levels = Levels(0), Levels(0), Levels(0)
@@ -225,18 +229,21 @@ def expose(
     unit: Any,
     exposure: Any,
     passed: Any,
+    ended: tuple[Any, Any],
+    shore: bool,
 ) -> None:
     """Add to the exposure of targets under way what a sensor does on a stretch of the step just made.
 
     made: their pieces in the step (a kernels.advance.Step), see kernels.steer.made; own: slots of which pieces were
     made; scenario: of each slot, device. kind, track, table, scale, exposure: see kernels.sweep.expose. unit [m]: by
     scenario, the range below which nothing finer matters to the sensor. passed: device, float32 (n,): for ABEAM, number
-    of the leg on which each target has last been passed.
+    of the leg on which each target has last been passed. ended: device, int32 (n,), status and since when [s after the
+    run's start]; shore: whether what has run aground is seen.
     """
     scale = np.asarray(scale, np.float32)
     size = exposure.shape[0] if kind != ABEAM else passed.shape[0]
     _expose(
         kind, *own.launched, scenario, made, *noise.key(seed), step.elapsed, step.number, *track,
         np.asarray(table, np.float32), scale.reshape(-1), np.asarray(unit, np.float32),
-        scale.shape[1] if scale.ndim == 2 else 0, scale.shape[-1], exposure, passed, size,
+        scale.shape[1] if scale.ndim == 2 else 0, scale.shape[-1], exposure, passed, size, *ended, int(shore),
     )  # fmt: skip

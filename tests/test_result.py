@@ -14,6 +14,7 @@ import xarray as xr
 from pyproj import Geod
 
 import drift
+from drift.result import _frame
 from geo import sphere
 
 CASE = """
@@ -61,12 +62,36 @@ def test_tables_are_those_of_the_files(ran: tuple[drift.Result, Path]) -> None:
         numbers = written.select_dtypes("number").columns
         pd.testing.assert_frame_equal(table[numbers], written[numbers])
     times = result.tables["track"]["time"]
-    assert (times.dt.tz_localize(None).to_numpy() == xr.open_dataset(folder / "forecast.nc")["time"].values).all()
+    assert (times.to_numpy() == xr.open_dataset(folder / "forecast.nc")["time"].values).all()
+
+
+def test_times_of_all_join(ran: tuple[drift.Result, Path]) -> None:
+    """Tables, areas, particles and maps have times of one kind: UTC as xarray has it."""
+    result, _ = ran
+    maps = result.probability.indexes["time"]
+    assert {table["time"].dtype for table in [*result.tables.values(), result.areas] if "time" in table} == {maps.dtype}
+    areas, track = result.areas, result.tables["track"].set_index("time")
+    assert len(areas.join(track, on="time", how="inner")) == len(areas) > 0
+    assert track.index.equals(maps)
+    assert result.probability.sel(time=areas["time"].iloc[-1]).equals(result.probability[-1])
+    assert track["area_95_nmi2"].to_xarray().broadcast_like(result.particles["weight"]).notnull().all()
+    first = result.tables["ashore"]["first_time"]
+    assert first.dtype == maps.dtype
+
+
+def test_columns_of_times_are_times_whatever_they_are_called() -> None:
+    """Those of washup.csv and lines.csv are named by shares; words stay words, and nothing at all stays empty."""
+    frame = _frame("first_50,time,value\n2026-01-02T03:04:05Z,,2026-01-02T03:04:05Z\n,,word\n")
+    assert list(map(str, frame.dtypes)) == ["datetime64[ns]", "datetime64[ns]", str(frame["value"].dtype)]
+    assert frame["first_50"][0] == pd.Timestamp("2026-01-02T03:04:05")
+    assert frame["value"][1] == "word"
+    assert frame.isna().sum().tolist() == [1, 2, 0]
 
 
 def test_particles_are_those_of_the_file(ran: tuple[drift.Result, Path]) -> None:
     result, folder = ran
-    xr.testing.assert_allclose(result.particles.drop_attrs(), xr.open_dataset(folder / "particles.nc").drop_attrs())
+    written = xr.open_dataset(folder / "particles.nc").drop_vars("crs")  # the Earth, a number of no meaning by itself
+    xr.testing.assert_allclose(result.particles.drop_attrs(), written.drop_attrs())
     frame = result.particles.to_dataframe().reset_index()
     assert len(frame) == result.particles.sizes["trajectory"] * result.particles.sizes["time"]
 
@@ -100,6 +125,27 @@ def test_the_map_is_map_png(ran: tuple[drift.Result, Path]) -> None:
         result.plot("2015-11-16T10:00:00Z")
     with pytest.raises(drift.UserError, match="is no output"):
         result.plot("tomorrow")
+
+
+def test_reprs_are_a_few_lines_that_tell_what_it_is(ran: tuple[drift.Result, Path]) -> None:
+    """Of every public record that holds arrays; the result's figures are those of its tables."""
+    result = ran[0]
+    brief = next(drift.run_many([result.case]))
+    told = {
+        "case": repr(result.case), "result": repr(result), "brief": repr(brief),
+    }  # fmt: skip
+    for text in told.values():
+        assert len(text) < 700
+        assert text.count("\n") < 10
+        assert result.case.title in text
+    assert told["case"].splitlines()[1:] == [
+        "  2015-11-16T06:00:00Z to 2015-11-16T15:00:00Z, 5 outputs, 3,000 particles, seed 3",
+        "  1 scenario: raft; 1 contact>",
+    ]
+    track = result.tables["track"].iloc[-1]
+    assert f"50 % area: {track['area_50_nmi2']:,.0f} nmi²" in told["result"]
+    assert track["mean_position"] in told["result"]
+    assert told["brief"].endswith(f": {len(brief.times)} outputs, 3,000 particles>")
 
 
 def test_a_notebook_shows_it(ran: tuple[drift.Result, Path]) -> None:

@@ -52,7 +52,8 @@ def build(table: CaseTable, path: Path, text: str) -> Case:
     forcing = {name: _sources(name, getattr(table, name), start, folder, wrong) for name in QUANTITIES}
     spill, scenarios = _subject(table, forcing, folder, wrong)
     search = _search(table, Run(start, end, scenarios, folder), wrong)
-    outputs = _outputs(table, spill, search, wrong)
+    opens = _opens(table, search, wrong)
+    outputs = _outputs(table, spill, search, opens, wrong)
     current_error, wind_error = _errors(table, forcing, scenarios, search.contacts, wrong)
     depth = _depth(table, search.units, folder, wrong)
     coast = _coast(table.coast, folder, wrong)
@@ -95,6 +96,7 @@ def build(table: CaseTable, path: Path, text: str) -> Case:
         resampling=table.resampling.resampling(),
         expect=table.expect,
         depth=depth,
+        opens=opens,
     )
 
 
@@ -221,10 +223,37 @@ def _sensors(table: CaseTable, run: Run, wrong: Mistakes) -> Sensors:
     return sensors
 
 
-def _outputs(table: CaseTable, spill: Spill | None, search: _Search, wrong: Mistakes) -> NDArray[np.datetime64]:
+def _opens(table: CaseTable, search: _Search, wrong: Mistakes) -> np.datetime64 | None:
+    """Return the time that map.png and the report show first; None: the end.
+
+    It is when the datum is asked for, else when the next search begins, else when the last one ended.
+    """
+    start, end = table.begin(), table.finish()
+    if table.output.datum is not None:
+        with wrong.gathered():
+            return _within("output.datum", units.resolve(table.output.datum, start), start, end)
+        return None
+    planned = bool(table.unit) or "plan" in table.model_fields_set
+    if planned and search.plan is not None and search.plan.begin > start:
+        return search.plan.begin
+    return max((sortie.end for sortie in search.sorties), default=None)
+
+
+def _within(key: str, time: np.datetime64, start: np.datetime64, end: np.datetime64) -> np.datetime64:
+    """Return a time of a key; raise UserError where it lies outside the run."""
+    if not min(start, end) <= time <= max(start, end):
+        raise UserError(
+            f"{key}: {notation.group(time)} is outside the run, {notation.group(start)} to {notation.group(end)}"
+        )
+    return time
+
+
+def _outputs(
+    table: CaseTable, spill: Spill | None, search: _Search, opens: np.datetime64 | None, wrong: Mistakes
+) -> NDArray[np.datetime64]:
     """Return the times of outputs in the order of the run.
 
-    They are those asked for, the start, the end, and when something was seen or searched.
+    They are those asked for, the start, the end, when something was seen or searched, and what maps open at.
     """
     start, end = table.begin(), table.finish()
     seen = (
@@ -236,7 +265,8 @@ def _outputs(table: CaseTable, spill: Spill | None, search: _Search, wrong: Mist
     asked: list[np.datetime64] = []
     with wrong.gathered():
         asked = _asked_outputs(table.output, start, end, sign)
-    every_time = np.unique(np.array([start, *asked, *seen, end], dtype="datetime64[s]"))
+    first = [] if opens is None else [opens]
+    every_time = np.unique(np.array([start, *asked, *seen, *first, end], dtype="datetime64[s]"))
     return every_time[::sign]
 
 
@@ -251,14 +281,7 @@ def _asked_outputs(table: OutputTable, start: np.datetime64, end: np.datetime64,
         if span // every > MOST_OUTPUTS:
             raise UserError(f"output.every gives {span // every:,} output times; at most {MOST_OUTPUTS}")
         return [start + np.timedelta64(sign * k * every, "s") for k in range(span // every + 1)]
-    times = [units.resolve(time, start) for time in table.times]
-    for time in times:
-        if not min(start, end) <= time <= max(start, end):
-            raise UserError(
-                f"output.times: {notation.group(time)} is outside the run, {notation.group(start)} to "
-                f"{notation.group(end)}"
-            )
-    return times
+    return [_within("output.times", units.resolve(time, start), start, end) for time in table.times]
 
 
 def _shore(source: str, folder: Path) -> str:

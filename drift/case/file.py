@@ -172,7 +172,7 @@ def _sources_without(data: dict[str, Any], path: Path) -> list[str]:
 
 def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
     path = Path(name)
-    if path.suffix != ".toml" and path.name == str(name) and not os.path.lexists(path):
+    if path.suffix != ".toml" and path.name == str(name) and (path.is_dir() or not os.path.lexists(path)):
         path = Path(str(resources.files("cases").joinpath(f"{name}.toml")))
     try:
         return path, small.contents(path, LARGEST).decode("utf-8-sig")  # editors of Windows put a byte order mark first
@@ -218,7 +218,7 @@ def _put(data: dict[str, Any], key: str, new: Any) -> None:
 
 def _index(node: Any, part: str, key: str) -> int:
     if not isinstance(node, list):
-        raise UserError(f'--set {key}: there is nothing called "{part}" inside a value')
+        raise UserError(f'{key}: there is nothing called "{part}" inside a value')
     if not part.isdecimal() or int(part) >= len(node):
-        raise UserError(f'--set {key}: "{part}" is not a number from 0 to {len(node) - 1}')
+        raise UserError(f'{key}: "{part}" is not a number from 0 to {len(node) - 1}')
     return int(part)

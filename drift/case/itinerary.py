@@ -405,10 +405,11 @@ class BridgeTable(BoundedTable):
 
 
 class VoyageTable(fields.Table):
-    """A voyage by way points: when it departs, how fast it is, how far off the track it may be."""
+    """A voyage by way points: when and where it departs, how fast it is, how far off the track it may be."""
 
     waypoints: Annotated[list[fields.Position], Field(min_length=2)]
     departure: Time = AT_ONCE
+    departure_error: fields.Length = 0.0
     speed: Speeds
     cross_track: fields.Length = 0.0
 
@@ -423,7 +424,12 @@ class VoyageTable(fields.Table):
         off = np.full(lon.size, self.cross_track)
         half, toward = lanes.across(np.append(ahead[0], behind), np.append(ahead, behind[-1]), off, off)
         columns = (x.tolist() for x in (lon, lat, half, toward))
-        places = [Abeam(x, y, wide, away, "normal") for x, y, wide, away in zip(*columns, strict=True)]
+        places: list[Abeam | Near] = [
+            Abeam(x, y, wide, away, "normal") for x, y, wide, away in zip(*columns, strict=True)
+        ]
+        if self.departure_error > 0:
+            axes = ErrorTable.model_construct(error=self.departure_error).axes()
+            places[0] = Near(places[0].lon, places[0].lat, *axes)
         return _by_speed(places, np.append(0.0, length), self.departure, self.speed, start)
 
 
@@ -455,7 +461,7 @@ def _start(law: Times, start: np.datetime64) -> tuple[np.datetime64, Spread]:
     return earliest, Spread(0.0, seconds.high - low, seconds.mode - low, seconds.ratio)
 
 
-def _by_speed(places: list[Abeam], distance: Any, begin: Times, speed: Spread, start: np.datetime64) -> Ways:
+def _by_speed(places: Sequence[Abeam | Near], distance: Any, begin: Times, speed: Spread, start: np.datetime64) -> Ways:
     points = [WayPoint(place, distance=float(far)) for place, far in zip(places, distance, strict=True)]
     return Ways(tuple(points), *_start(begin, start), speed=speed)
 

@@ -14,6 +14,8 @@ def lines(error: ValidationError, data: Mapping[str, Any]) -> tuple[str, ...]:
     complaints = []
     for mistake in error.errors(include_url=False):
         place, what = where(mistake["loc"], data), _what(mistake)
+        if mistake["type"] == "list_type" and isinstance(mistake["input"], Mapping) and mistake["loc"]:
+            what = f"must be a list of tables, [[{mistake['loc'][-1]}]] in place of [{mistake['loc'][-1]}]; given one table"
         complaints.append(f"{place}: {what}" if place else what)
     return tuple(complaints)
 

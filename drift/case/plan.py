@@ -97,6 +97,7 @@ class PlanTable(fields.Table):
     objective: Literal["pos", "alive"] = "pos"
     separation: fields.Length = 0.0
     rounds: Annotated[fields.Count, Field(ge=1, le=MOST_ROUNDS)] = 1
+    ashore: bool = False
     particles: fields.Count = 40_000
 
     @field_validator("particles")
@@ -139,7 +140,7 @@ class PlanTable(fields.Table):
                 "1.6 }"
             )
         wrong.refuse()
-        return PlanSpec(begin, until, self.objective, self.separation, self.rounds, self.particles)
+        return PlanSpec(begin, until, self.objective, self.separation, self.rounds, self.particles, self.ashore)
 
 
 class ResamplingTable(fields.Table):

@@ -17,6 +17,7 @@ from drift.motion.period import Period
 from drift.motion.scenario import Scenario
 from drift.search.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit
 from drift.spill.records import Spill
+from geo import notation
 from geo.box import Box
 from geo.cells import Cells
 
@@ -30,7 +31,7 @@ class Depth:
     positive: Literal["up", "down"] | None = None  # None: as the file says
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Case:
     """A validated case. Times are datetime64[s] UTC; start is where the run begins, end where it stops."""
 
@@ -70,7 +71,25 @@ class Case:
     depth: Depth | None = None  # where boats have too little water
     inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
     counts: tuple[int, ...] | None = None  # particles of each scenario; None: by their weights
+    opens: np.datetime64 | None = None  # the output that map.png and the report show first; None: the last
     tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)  # as read, overrides included
+
+    def __repr__(self) -> str:
+        """Return what it is, in three lines; help(drift.Case) lists all of it."""
+        stories = ", ".join(one.name for one in self.scenarios[:4]) + ", .." * (len(self.scenarios) > 4)
+        seen = ", ".join(
+            f"{len(many)} {name}{'s' * (len(many) > 1)}"
+            for name, many in (("sortie", self.sorties), ("contact", self.contacts), ("unit", self.units))
+            if many
+        )
+        return "\n".join(
+            (
+                f'<drift.Case "{self.title}" of {self.path.name}',
+                f"  {notation.iso(self.start)} to {notation.iso(self.end)}, {len(self.outputs)} outputs, "
+                f"{self.particles:,} particles, seed {self.seed}",
+                f"  {len(self.scenarios)} scenario{'s' * (len(self.scenarios) > 1)}: {stories}{seen and f'; {seen}'}>",
+            )
+        )
 
     @property
     def sources(self) -> tuple[ForcingSpec, ...]:

@@ -196,7 +196,9 @@ class ScenarioTable(fields.Table):
     distress: DistressLaw | None = None
     """When it goes adrift; without this it stays under way."""
     overdue: fields.Time | None = None
-    """By when its arrival would be known: what has arrived by then has no weight."""
+    """By when its arrival would be known: from then on what is in port has no weight."""
+    arrival_radius: Annotated[fields.Length | None, Field(gt=0)] = None
+    """How near to its last way point what has arrived is in port, 10 nmi without it; what is farther off goes on as what it is."""
 
     @model_validator(mode="after")
     def whole(self) -> "ScenarioTable":
@@ -236,13 +238,17 @@ class ScenarioTable(fields.Table):
         for name in () if self.phase else ("vessel", "distress", "overdue"):
             if getattr(self, name) is not None:
                 yield f"{name} belongs to what is under way first; add [[scenario.phase]]"
+        if self.arrival_radius is not None and self.overdue is None:
+            yield "arrival_radius belongs to overdue, the time by which one would know that it is in port; add overdue"
         if not adrift:
-            for name in ("survival", "jibe", "object", "search_object"):
+            for name in ("survival", "jibe", "object"):
                 if getattr(self, name) is not None:
-                    yield (
-                        f"{name} belongs to what goes adrift; add distress, or leave {name} out (what is looked for "
-                        "under way is vessel.search_object)"
-                    )
+                    yield f"{name} belongs to what goes adrift; add distress, or leave {name} out"
+            if self.search_object is not None:
+                yield (
+                    f'search_object "{self.search_object}" is looked for adrift, and this stays under way; write vessel = '
+                    f'{{ search_object = "{self.search_object}" }}, or add distress'
+                )
 
     def prior(self, start: np.datetime64) -> ReleasePrior | None:
         """Return where and when it begins; None: at the first way point of its first phase."""
@@ -270,6 +276,7 @@ class ScenarioTable(fields.Table):
             vessel.land,
             vessel.search_object,
             vessel.currents,
+            **({} if self.arrival_radius is None else {"arrival_radius": self.arrival_radius}),
         )
 
     def jibe_rate(self, drifter: Drifter) -> float:

@@ -38,6 +38,9 @@ class OutputTable(fields.Table):
     """Time between outputs from the start on; 6 h unless this or `times` is given."""
     times: list[fields.Time] | None = None
     """The outputs themselves, within the run."""
+    datum: fields.Time | None = None
+    """When the datum is asked for: an output of its own, at which `map.png` and the report open; without it the begin of the plan,
+    the end of the last sortie, or the end."""
     trajectories: fields.Count = 200
     """How many tracks `particles.nc` and the maps show."""
     grid: GridTable | None = None

@@ -20,6 +20,7 @@ from drift.search.records import Law, Watch
 from geo.errors import UserError
 from geo.notation import NMI
 
+EXAMPLE = 'search_object = "Raft 4 person"'
 VISUAL = "visual"  # the sensor of the tables
 SENSORS = (VISUAL, "radar", "infrared", "nvg", "sonar", "beacon", "other")
 
@@ -256,9 +257,11 @@ class SensorTable(fields.Table):
             kinds = ", ".join(sweep_width.KINDS)
             raise ValueError(f"the sweep width tables need the kind of unit: {kinds}")
         if scenario.search_object is None:
+            stays = scenario.itinerary is not None and scenario.itinerary.distress is None
             raise ValueError(
-                f'the sweep width tables need search_object in scenario "{scenario.name}", like search_object = "Raft '
-                '4 person"'
+                f'the sweep width tables need search_object in scenario "{scenario.name}", '
+                + (f"which stays under way: there write vessel = {{ {EXAMPLE} }}" if stays else f"like {EXAMPLE}")
+                + "; or give sweep_width as a length here"
             )
         altitude = self.height()
         if math.isnan(altitude):

@@ -77,6 +77,7 @@ class SortieTable(SensorTable):
     end: fields.Time | None = None
     speed: fields.ShipSpeed | None = None
     completed: Annotated[float, BeforeValidator(_completed)] = 1.0
+    ashore: bool = True
     actual: Annotated[Any, BeforeValidator(_actual)] = None
     frame: Literal["ground", "datum"] | None = None
     marker: MarkerTable | None = None
@@ -204,6 +205,7 @@ class SortieTable(SensorTable):
             legs=legs,
             watch=self.watch.zones if self.watch else None,
             completed=self.completed,
+            ashore=self.ashore,
             speed=speed,
             altitude=self.height(),
             spacing=self._given_spacing(),

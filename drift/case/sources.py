@@ -86,6 +86,26 @@ def _paths(value: Any) -> Any:
     return (value,) if isinstance(value, str) else value
 
 
+def _one_vector(value: Any) -> Any:
+    """Refuse what is not one vector, and say what it would be."""
+    if isinstance(value, list):
+        raise ValueError(
+            "is one vector, the same all the time; given a list: what changes is table = [{ time = .., .. }, ..]"
+        )
+    if not isinstance(value, dict | Vector | None):
+        raise ValueError(f'{value!r} has no direction; write {{ speed = "15 kn", from = 240 }}, or toward')
+    return value
+
+
+def _rows(value: Any) -> Any:
+    """Refuse one vector in place of rows."""
+    if isinstance(value, dict):
+        raise ValueError(
+            "is rows by time, [{ time = .., speed = .., from = .. }, ..]; given one vector: what is the same all the time is constant = { .. }"
+        )
+    return value
+
+
 def _indices(value: Any) -> Any:
     """Return a table of names with its whole numbers, indices along a dimension, as text."""
     if not isinstance(value, dict):
@@ -117,8 +137,8 @@ class SourceTable(fields.Table):
     name: fields.Label | None = None
     files: Annotated[tuple[Annotated[str, Field(min_length=1)], ...], BeforeValidator(_paths)] | None = None
     dataset: fields.Label | None = None
-    constant: Vector | None = None
-    table: list[TimedVector] | None = None
+    constant: Annotated[Vector | None, BeforeValidator(_one_vector)] = None
+    table: Annotated[list[TimedVector] | None, BeforeValidator(_rows)] = None
     analytic: str | None = None
     """Name of a built-in flow: synthetic, and the maps say so."""
     parameters: Annotated[dict[str, float], BeforeValidator(_parameters)] = Field(default_factory=dict)
@@ -144,7 +164,12 @@ class SourceTable(fields.Table):
     @model_validator(mode="after")
     def one_kind(self) -> "SourceTable":
         """Refuse two kinds of source in one table, and keys that belong to another kind."""
-        kind = fields.one_of(self, ("files", "dataset", "constant", "table", "analytic"))
+        try:
+            kind = fields.one_of(self, ("files", "dataset", "constant", "table", "analytic"))
+        except ValueError as error:
+            several = " and " in str(error).partition("found")[2]
+            how = "; leave one out (--set gives a whole source so: current.0='{ constant = { .. } }')"
+            raise ValueError(f"{error}{how if several else ''}") from None
         if kind not in ("files", "dataset"):
             for key in ("variables", "units", "depth", "steady", "times", "plausible"):
                 if key in self.model_fields_set:

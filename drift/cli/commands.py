@@ -37,6 +37,8 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], Answer]] = {
     "serve": serve.run,
 }
 
+NO_MEMORY = "emory allocation"  # what Taichi says, in a RuntimeError
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
@@ -67,6 +69,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as leaving:  # argparse's --help
         return int(leaving.code or 0)
     except Exception as error:
+        if isinstance(error, MemoryError) or NO_MEMORY in str(error):
+            words = f"the memory does not suffice ({error or 'nothing more to be had'}); take fewer particles"
+            print(f"drift: {words}", file=sys.stderr)
+            return _failed(argv, 2, [words])
         traceback.print_exc()
         words = f"an error of drift itself: {type(error).__name__}: {error}"
         print(f"drift: {words}", file=sys.stderr)

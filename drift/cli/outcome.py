@@ -15,6 +15,7 @@ from drift.spill import verdict
 from geo.notation import NMI, group, position
 
 WORTH_A_WARNING = 0.01  # share of the probability lost from which a line says so
+ASHORE = 0.01  # share of a POS that is of what lies ashore from which it is told apart
 WORST = 5  # stretches of coast that are listed
 DENSEST = 3  # of those with most objects per km
 
@@ -104,6 +105,7 @@ def _stories(stories: dict[str, Any]) -> Facts:
 def plan(planned: Plan) -> Facts:
     """Return what a plan is worth, and what each unit is to do."""
     facts = {"plan": plan_text.worth(planned)}
+    facts |= {"ashore": words} if (words := plan_text.stranded(planned)) else {}
     for name, tasking in zip(subareas.names(planned), planned.taskings, strict=True):
         facts[f"{name} {tasking.unit.name}"] = (
             f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi at {position(*tasking.centre)}, "
@@ -125,6 +127,8 @@ def plan_numbers(planned: Plan) -> dict[str, Any]:
         "objective": planned.spec.objective,
         "value": planned.value,
         "pos": planned.pos,
+        "pos_ashore": planned.pos_ashore,
+        "ashore": planned.ashore,
         "pos_by_scenario": dict(subareas.stories(planned)),
         "bound": planned.bound,
         "idle": planned.idle,
@@ -145,6 +149,7 @@ def plan_numbers(planned: Plan) -> dict[str, Any]:
                 "spacing_m": tasking.spacing,
                 "legs": tasking.legs,
                 "pos": tasking.pos,
+                "pos_ashore": tasking.pos_ashore,
             }
             for name, tasking in zip(subareas.names(planned), planned.taskings, strict=True)
         ],
@@ -179,13 +184,21 @@ def _search(numbers: dict[str, Any]) -> Facts:
                 )
         if update["kind"] == "sortie":
             facts[f'sortie "{update["name"]}"'] = (
-                f"POS {_percent(update['pos']['all'])}, so far {_percent(update['cumulative_pos']['all'])}"
+                f"POS {_percent(update['pos']['all'])}{_ashore(update)}, so far {_percent(update['cumulative_pos']['all'])}"
             )
         else:
-            facts[f'{update["kind"]} "{update["name"]}"'] = f"{Count(update['ess_after']).words} after it"
+            facts[f'{update["kind"]} "{update["name"]}"'] = (
+                f"{Count(update['ess_after']).words} after it, {update['ess_before']:,.0f} before"
+            )
     for line in numbers.get("search", {}).get("lines", ()):
         facts[f'line "{line["name"]}"'] = f"crossed with {_percent(line['probability']['all'])}"
     return facts
+
+
+def _ashore(update: dict[str, Any]) -> str:
+    """Return which part of a POS is of what lies ashore, where it is worth telling."""
+    part = update["pos_ashore"]["all"]
+    return f" ({_percent(part)} of it ashore)" if part >= ASHORE * update["pos"]["all"] and part >= 0.0005 else ""
 
 
 def spill(numbers: dict[str, Any]) -> Facts:

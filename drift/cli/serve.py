@@ -25,6 +25,13 @@ def add(commands: Any) -> None:
         "--allow-host", action="append", default=[], metavar="HOST",
         help="cases may ask addresses at this host (OPeNDAP); may be repeated",
     )  # fmt: skip
+    serve.add_argument(
+        "--hours", type=float, default=12.0, metavar="N", help="the most that a job may take (default: 12)"
+    )
+    serve.add_argument(
+        "--memory", type=float, metavar="GIB",
+        help="the most memory that a job may take (default: what the machine has; not on Windows)",
+    )  # fmt: skip
     serve.add_argument("--no-browser", action="store_true", help="only print the address")
 
 
@@ -34,6 +41,6 @@ def run(given: argparse.Namespace) -> Answer:
 
     server.serve(
         given.folder, host=given.host, port=given.port, allow=given.allow, allow_host=given.allow_host,
-        browser=not given.no_browser, say=terminal.say,
+        hours=given.hours, memory=given.memory, browser=not given.no_browser, say=terminal.say,
     )  # fmt: skip
     return Answer()

@@ -1,20 +1,35 @@
 """A command that ends with the process that started it, which holds its standard input open (`drift.desk.jobs`)."""
 
 import contextlib
+import importlib.util
 import os
 import signal
 import threading
 import time
+from pathlib import Path
 
 from drift.cli import commands
+from geo.files import child, fence, landlock
 
+PACKAGES = ("drift", "geo", "kernels", "cases")
 GRACE = 10.0  # [s] to leave nothing half written
 
 
-def main() -> None:
-    """Run the command line, and end the process once its input does."""
+def main(memory: int | None = None) -> None:
+    """Run the command line, and end the process once its input does; memory: the most that it may take [bytes]."""
+    if memory is not None:
+        child.limit(RLIMIT_DATA=memory)  # what it may write to, of which some it never does
+    enclose()
     threading.Thread(target=_watch, daemon=True).start()
     commands.leave()
+
+
+def enclose() -> None:
+    """Have the kernel hold the fence too, where it can: the fence's folders, the working directory and the program."""
+    if (raised := fence.raised()) is not None:
+        specs = filter(None, map(importlib.util.find_spec, PACKAGES))
+        program = [Path(place) for spec in specs for place in spec.submodule_search_locations or ()]
+        landlock.enclose([*raised.folders, Path.cwd(), *program])
 
 
 def _watch() -> None:

@@ -1,9 +1,10 @@
 """What a comparison of two cases found."""
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
+import pandas
 import xarray as xr
 
 from drift.case.record import Case
@@ -14,18 +15,35 @@ from drift.result import Result
 OF_RUN = ("POS", "cumulative POS", "POS of the next plan", "ashore")  # quantities of the run as a whole
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Contrast:
     """Two results on common random numbers, and their differences."""
 
     a: Result
     b: Result
     times: tuple[np.datetime64, ...]  # outputs of both
-    differences: tuple[Difference, ...]  # by time, those of the whole run last
+    rows: tuple[Difference, ...]  # by time, those of the whole run last
     data: xr.Dataset  # what compare.nc holds: see drift.contrast.dataset
     step: int  # [s]
     plans: tuple[Plan, Plan] | None = None  # the next search of each, where that was asked for
     notes: tuple[str, ...] = ()  # what keeps the random numbers from being common
+
+    def __repr__(self) -> str:
+        """Return what it is, in a few lines."""
+        return (
+            f'<Contrast "{self.title}"\n  {len(self.times)} outputs, {len(self.rows)} figures in differences, maps in data, '
+            "results in a and b>"
+        )
+
+    @property
+    def differences(self) -> pandas.DataFrame:
+        """Every figure of A, of B, their difference and its standard error, by chance alone, in the row's `unit` (SI).
+
+        Rows are by time (UTC), those of the whole run last; a and b are NaN where only the difference has a meaning.
+        """
+        columns = [field.name for field in fields(Difference)]
+        frame = pandas.DataFrame([[getattr(row, name) for name in columns] for row in self.rows], columns=columns)
+        return frame.astype({"time": "datetime64[ns]"}).rename(columns={"error": "standard_error"})
 
     @property
     def names(self) -> tuple[str, str]:
@@ -50,12 +68,12 @@ class Contrast:
 
     def at(self, time: np.datetime64, quantity: str) -> list[Difference]:
         """Return the differences of a quantity at an output."""
-        return [row for row in self.differences if row.time == time and row.quantity == quantity]
+        return [row for row in self.rows if row.time == time and row.quantity == quantity]
 
     @property
     def of_run(self) -> list[Difference]:
         """Those that are of the run as a whole: sorties and stretches."""
-        return [row for row in self.differences if row.quantity in OF_RUN]
+        return [row for row in self.rows if row.quantity in OF_RUN]
 
 
 def _given(case: Case) -> str:

@@ -32,7 +32,7 @@ def table(found: Contrast, run: str) -> str:
     """Return every figure as CSV, in SI; run: its run_id, in the last column."""
     rows = [
         [notation.iso(row.time), row.quantity, row.name, row.unit, *map(_cell, (row.a, row.b, row.difference, row.error)), *found.given, run]
-        for row in found.differences
+        for row in found.rows
     ]  # fmt: skip
     return formats.csv_text(HEADER, rows)
 
@@ -52,7 +52,7 @@ def numbers(found: Contrast) -> dict[str, Any]:
                 "time": row.time, "quantity": row.quantity, "name": row.name, "unit": row.unit,
                 "a": row.a, "b": row.b, "difference": row.difference, "standard_error": row.error,
             }
-            for row in found.differences
+            for row in found.rows
         ],
     }  # fmt: skip
 
@@ -67,7 +67,7 @@ def facts(found: Contrast) -> dict[str, str]:
         "time": notation.group(last),
         "mean of B from that of A": _shift(found),
     }
-    for row in found.differences:
+    for row in found.rows:
         if row.time == last and row.quantity not in SHIFT and (row.a or row.b) and row not in found.of_run:
             told[_called(row)] = words(row)
     stretches = 0
@@ -115,7 +115,7 @@ def words(row: Difference) -> str:
 
 
 def _shift(found: Contrast) -> str:
-    rows = {row.quantity: row for row in found.differences if row.time == found.times[-1] and row.quantity in SHIFT}
+    rows = {row.quantity: row for row in found.rows if row.time == found.times[-1] and row.quantity in SHIFT}
     east, north = (rows[name] for name in SHIFT)
     if east.difference != east.difference:
         return "none: nothing is on the map in one of them"

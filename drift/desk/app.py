@@ -21,7 +21,7 @@ from drift.case import file as case_file
 from drift.case import template
 from drift.desk import names, shelf
 from drift.desk.gate import Gate, Secret
-from drift.desk.jobs import KINDS, Jobs
+from drift.desk.jobs import KINDS, Jobs, Limits
 from geo.files import fence
 
 ASSETS = {
@@ -196,9 +196,9 @@ def _asset(home: str, name: str) -> str:
     return (place if home == "cases" else place / "assets").joinpath(name).read_text(encoding="utf-8")
 
 
-def make(folder: Path, places: tuple[str, ...], secret: Secret, allowed: fence.Fence) -> ASGIApp:
+def make(folder: Path, places: tuple[str, ...], secret: Secret, allowed: fence.Fence, limits: Limits) -> ASGIApp:
     """Return the application, behind its gate; places: "host:port" as requests must name it."""
-    jobs = Jobs(folder, allowed)
+    jobs = Jobs(folder, allowed, limits)
     desk = Desk(folder, secret, jobs)
 
     @asynccontextmanager

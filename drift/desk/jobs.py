@@ -27,15 +27,24 @@ KINDS = {
     "plan": "plan",
     "origin": "origin",
 }  # commands, and what their folders are called
-START = "from drift.cli import tethered; tethered.main()"
+START = "from drift.cli import tethered; tethered.main"
 MARK = "\x1e"  # begins a line that tells progress
 MOST_WAITING = 20
 MOST_KEPT = 30  # jobs that are remembered
 MOST_LINES = 400  # of a log, the last ones
 LONGEST_LINE = 1200  # letters
+GIB = 2**30  # [bytes]
 GRACE = 10.0  # [s] from asking a process to end to ending it by force
 
 Lane = asyncio.Queue["Job"]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The most that a job may take."""
+
+    hours: float = 12.0
+    memory: float = float("inf")  # [GiB] of each of its processes
 
 
 @dataclass
@@ -72,8 +81,8 @@ class Job:
 class Jobs:
     """The jobs of a server: what waits, what runs, what has ended."""
 
-    def __init__(self, folder: Path, allowed: fence.Fence) -> None:
-        self._folder, self._fence = folder, allowed
+    def __init__(self, folder: Path, allowed: fence.Fence, limits: Limits) -> None:
+        self._folder, self._fence, self._limits = folder, allowed, limits
         self._jobs: dict[int, Job] = {}
         self._lanes: dict[bool, Lane] = {}
         self._tasks: list[asyncio.Task[None]] = []
@@ -145,25 +154,44 @@ class Jobs:
             given += ["--out", str(self._folder / job.out)]
         # Python looks for modules where it starts: neither in the served folder, nor in any that others can write.
         path = [place for place in sys.path if place and Path(place).resolve() != self._folder]
-        code = f"import sys; sys.path[:] = {path!r}; {START}"
+        memory = int(self._limits.memory * GIB) if self._limits.memory < float("inf") else None
+        code = f"import sys; sys.path[:] = {path!r}; {START}({memory!r})"
         with tempfile.TemporaryDirectory(prefix="drift-desk-", ignore_cleanup_errors=True) as empty:
             job.process = await asyncio.create_subprocess_exec(
                 sys.executable, "-c", code, *given,
                 stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
-                cwd=empty, env=self._environment(), start_new_session=os.name == "posix",
+                cwd=empty, env=self._environment(empty), start_new_session=os.name == "posix",
             )  # fmt: skip
+            overdue = asyncio.create_task(_end_after(job.process, self._limits.hours * 3600))
             try:
                 if job.state == "cancelled":  # while it was started
                     await _end(job.process)
                 assert job.process.stdout is not None
                 await _read(job.process.stdout, lambda line: _take(job, line))
-                return await job.process.wait()
+                status = await job.process.wait()
+                if job.state == "running" and (why := self._fate(job, status)):
+                    job.lines.append(f"drift: {why}")
+                return status
             finally:
+                overdue.cancel()
                 if job.process.returncode is None:
                     _kill(job.process)
 
-    def _environment(self) -> dict[str, str]:
-        own = {fence.NAME: fence.text(self._fence), "DRIFT_PROGRESS": "lines"}
+    def _fate(self, job: Job, status: int) -> str:
+        """Return why a job ended, where it could not say it itself; "" where it could."""
+        assert job.started is not None
+        if status == 0:
+            return ""
+        if time.monotonic() - job.started >= self._limits.hours * 3600:
+            return f"ended, as it took more than {self._limits.hours:g} h; drift serve --hours allows more"
+        if status >= 0:
+            return ""
+        most = f", which is limited to {self._limits.memory:.3g} GiB" if self._limits.memory < float("inf") else ""
+        name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
+        return f"ended by {name}, as happens where the memory does not suffice{most} (drift serve --memory)"
+
+    def _environment(self, empty: str) -> dict[str, str]:
+        own = {fence.NAME: fence.text(self._fence), "DRIFT_PROGRESS": "lines", "TMPDIR": empty}
         return os.environ | own | {"PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8:replace"}
 
 
@@ -208,6 +236,12 @@ async def _end(process: asyncio.subprocess.Process) -> None:
         await asyncio.wait_for(process.wait(), GRACE)
     except asyncio.TimeoutError:
         _kill(process)
+
+
+async def _end_after(process: asyncio.subprocess.Process, seconds: float) -> None:
+    """End a process that takes too long."""
+    await asyncio.sleep(seconds)
+    await _end(process)
 
 
 def _kill(process: asyncio.subprocess.Process) -> None:

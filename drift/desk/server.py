@@ -9,12 +9,15 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from drift.desk.jobs import GIB, Limits
 from geo.errors import UserError
 from geo.files import fence
 
 HOST, PORT = "127.0.0.1", 8765
 NEXT = 20  # ports that are tried after PORT
 CONNECTIONS = 100  # at most at once
+REASONS = {errno.EADDRINUSE: "is in use", errno.EACCES: "is not yours to take, as those below 1024 mostly are not"}
+HOURS, LEAST_MEMORY = 12.0, 2.0  # [h], [GiB]
 LOOPBACK = {"127.0.0.1", "localhost", "::1"}
 
 
@@ -25,6 +28,8 @@ def serve(
     port: int | None = None,
     allow: Sequence[str | os.PathLike[str]] = (),
     allow_host: Sequence[str] = (),
+    hours: float = HOURS,
+    memory: float | None = None,
     browser: bool = True,
     say: Callable[[str], object] = print,
 ) -> None:
@@ -32,7 +37,8 @@ def serve(
 
     host: where it listens, this machine alone by default; port: by default 8765 or the next free one; allow: files and
     folders, besides the served one and that of DRIFT_DATA, that cases may read; allow_host: hosts of addresses that
-    they may ask ("host" or "host:port"); browser: whether it is opened; say: prints a line. Raises UserError where the
+    they may ask ("host" or "host:port"); hours, memory [GiB]: the most that a job may take, by default 12 h and what the
+    machine has; browser: whether it is opened; say: prints a line. Raises UserError where the
     folder or the port will not do.
     """
     try:
@@ -44,6 +50,7 @@ def serve(
         raise UserError(f"drift serve needs {error.name}; pip install -e '.[serve]' where drift lies") from None
     place = _folder(folder)
     allowed = _allowed(place, allow, allow_host)
+    limits = _limits(hours, memory)
     listening = _listen(host, port)
     with listening:
         number = listening.getsockname()[1]
@@ -51,7 +58,7 @@ def serve(
         called = ["127.0.0.1", "localhost"] if host in ("127.0.0.1", "localhost") else [shown.lower()]
         places = [f"{name}:{number}" for name in dict.fromkeys([shown.lower(), *called])]
         secret = Secret()
-        app = desk_app.make(place, tuple(places), secret, allowed)
+        app = desk_app.make(place, tuple(places), secret, allowed, limits)
         address = f"http://{shown}:{number}/?token={secret.token}"
         if host not in LOOPBACK:
             say(
@@ -104,6 +111,20 @@ def _allowed(folder: Path, allow: Sequence[str | os.PathLike[str]], hosts: Seque
     return fence.Fence(tuple(folders), frozenset(host.lower() for host in hosts))
 
 
+def _limits(hours: float, memory: float | None) -> Limits:
+    """Return the most that a job may take."""
+    if not 0 < hours < float("inf"):
+        raise UserError(f"--hours {hours:g}: is more than 0")
+    if memory is not None and not LEAST_MEMORY <= memory < float("inf"):
+        raise UserError(f"--memory {memory:g}: is {LEAST_MEMORY:g} (GiB) at least, which a small run takes")
+    if memory is None:
+        try:
+            memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / GIB
+        except (AttributeError, ValueError, OSError):  # Windows has no such limit
+            memory = float("inf")
+    return Limits(hours, memory)
+
+
 def _listen(host: str, port: int | None) -> socket.socket:
     """Return a socket that listens, on the given port or from PORT on the first free one."""
     if port is not None and not 1 <= port <= 65535:
@@ -128,6 +149,6 @@ def _listen(host: str, port: int | None) -> socket.socket:
         except OSError as error:
             listening.close()
             if error.errno not in {errno.EADDRINUSE, errno.EACCES} or port is not None:
-                reason = "is in use" if error.errno == errno.EADDRINUSE else f"cannot be used ({error.strerror})"
+                reason = REASONS.get(error.errno or 0, f"cannot be used ({error.strerror})")
                 raise UserError(f"port {number} of {host} {reason}; give another with --port") from None
-    raise UserError(f"ports {PORT} to {PORT + NEXT} of {host} are in use; give another with --port")
+    raise UserError(f"ports {PORT} to {PORT + NEXT} of {host} cannot be taken; give another with --port")

@@ -11,7 +11,7 @@ import numpy as np
 
 from drift.environment import corridors
 from drift.motion import lanes
-from drift.motion.itinerary import Abeam, InRing, Loiter, Phase, Ways
+from drift.motion.itinerary import Abeam, InRing, Loiter, Near, Phase, Ways, middle
 from drift.motion.lanes import Network
 from drift.motion.scenario import Scenario
 from geo import sphere
@@ -126,17 +126,18 @@ def _between(before: Phase, after: Phase) -> Network | None:
 
 def _voyage(phase: object) -> Network | None:
     """Return a voyage as a network of lanes as wide as its cross-track error; None for other phases."""
-    if (
-        not isinstance(phase, Ways)
-        or phase.lanes is not None
-        or not all(isinstance(p.place, Abeam) for p in phase.points)
-    ):
+    if not isinstance(phase, Ways) or phase.lanes is not None:
         return None
-    places = [point.place for point in phase.points if isinstance(point.place, Abeam)]
+    places = [point.place for point in phase.points]
+    across = [place.half for place in places if isinstance(place, Abeam)]
+    begin = places[0]
+    if len(across) < len(places) - isinstance(begin, Near):
+        return None
     legs = np.arange(len(places) - 1)
     # Half the line across a corner is longer than the error by the mitre, which the network puts on again.
-    width = np.full(legs.size, 2 * SPREADS * min(place.half for place in places))
-    return Network(
-        tuple(str(k + 1) for k in range(len(places))), np.array([p.lon for p in places]), np.array([p.lat for p in places]),
-        legs, legs + 1, width, np.ones(legs.size, np.bool_),
-    )  # fmt: skip
+    width = np.full(legs.size, 2 * SPREADS * min(across))
+    if isinstance(begin, Near):  # the error of its departure
+        width[0] = max(width[0], 2 * SPREADS * begin.major)
+    lon, lat = np.array([middle(place) for place in places]).T
+    names = tuple(str(k + 1) for k in range(len(places)))
+    return Network(names, lon, lat, legs, legs + 1, width, np.ones(legs.size, np.bool_))

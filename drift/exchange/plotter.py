@@ -1,6 +1,7 @@
-"""A forecast as GPX 1.1 for chart plotters (OpenCPN and others): datum as waypoints, areas, mean and search as tracks.
+"""A forecast as GPX 1.1 for chart plotters (OpenCPN and others): datum and contacts as waypoints, areas, mean and search as tracks.
 
-Names are short, for many plotters cut them: D for datum, then day and time, D221830Z; no two waypoints have the same.
+Names are short, for many plotters cut them: D for datum, then day and time, D221830Z; no two outputs have the same. Plotters take few
+points: outlines are thinned, and the file says by how much.
 """
 
 from collections.abc import Iterator, Sequence
@@ -9,10 +10,15 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
+import shapely
 
 from drift.exchange.finished import Finished
 from drift.output import gpx, markup
-from geo import notation
+from geo import notation, sphere
+
+MOST = 2000  # points of the outlines of a file, unless the last of these is not enough
+TOLERANCES = (0.0, 50.0, 100.0, 200.0, 500.0, 1000.0)  # [m] by which outlines are off at most
+Line = Sequence[Sequence[float]]
 
 MONTH = np.timedelta64(27, "D")  # after which days of the month may come again
 
@@ -24,6 +30,7 @@ def files(run: Finished) -> dict[str, bytes]:
         return {"forecast.gpx": _document(run, "").encode()}
     told = [notation.iso(time) for time, _, _ in run.positions("mean")]
     told += [str(feature["properties"]["start"]) for feature in _legs(run)]
+    told += [str(feature["properties"]["time"]) for feature in _contacts(run)]
     days = sorted({time[:10] for time in told}) or [notation.iso(times[0])[:10]]
     return {f"forecast-{day.replace('-', '')}.gpx": _document(run, day).encode() for day in days}
 
@@ -33,32 +40,82 @@ def _legs(run: Finished) -> list[dict[str, Any]]:
     return [feature for feature in run.search() if feature["properties"]["shape"] == "legs"]
 
 
+def _contacts(run: Finished) -> list[dict[str, Any]]:
+    """Return the features of contacts: points, lines of bearing, and regions that hold them."""
+    return [feature for feature in run.search() if feature["properties"]["kind"] == "contact"]
+
+
 def _document(run: Finished, day: str) -> str:
     """Return a document of what is of a day, of all if it is ""."""
     names = _names(run.forecast["time"].values)
-    root = gpx.document(f"{run.title} {day}".strip(), run.words)
+    areas = [
+        (time, share, told, [line for polygon in geometry["coordinates"] for ring in polygon for line in opened(ring)])
+        for time, share, geometry, told in run.areas()
+        if notation.iso(time).startswith(day)
+    ]
+    tolerance, areas = _thinned(areas)
+    words = f"{run.words}. Outlines of areas are thinned, and off by up to {tolerance:g} m" if tolerance else run.words
+    root = gpx.document(f"{run.title} {day}".strip(), words)
     for time, lon, lat in run.positions("datum"):
         if notation.iso(time).startswith(day):
             name = f"D{names[time]}"
             words = f"datum {notation.group(time)}, mean of those adrift"
             gpx.point(root, "wpt", lon, lat, time=time, name=name, words=words, kind="datum")
+    contacts = [feature for feature in _contacts(run) if str(feature["properties"]["time"]).startswith(day)]
+    for feature in contacts:
+        told, shape = feature["properties"], feature["geometry"]
+        if shape["type"] == "Point":
+            words = f"contact {told['time']}, believed {100 * told['belief']:.0f} %"
+            gpx.point(root, "wpt", *shape["coordinates"], name=str(told["name"]), words=words, kind="contact")
     mean = [point for point in run.positions("mean") if notation.iso(point[0]).startswith(day)]
     if len(mean) > 1:
         segment = ET.SubElement(_track(root, "MEAN", "mean position, adrift or ashore", "mean"), "trkseg")
         for time, lon, lat in mean:
             gpx.point(segment, "trkpt", lon, lat, time=time)
-    for time, share, geometry, told in run.areas():
-        if notation.iso(time).startswith(day):
-            percent = notation.percent(share)
-            words = f"{percent} % area {notation.group(time)}, {told['area_nmi2']:,.1f} nmi2"
-            lines = [line for polygon in geometry["coordinates"] for ring in polygon for line in opened(ring)]
-            _lines(_track(root, f"{percent}% {names[time]}", words, "area"), lines)
+    for time, share, told, lines in areas:
+        percent = notation.percent(share)
+        words = f"{percent} % area {notation.group(time)}, {told['area_nmi2']:,.1f} nmi2"
+        _lines(_track(root, f"{percent}% {names[time]}", words, "area"), lines)
+    for feature in contacts:
+        told, shape = feature["properties"], feature["geometry"]
+        if shape["type"] != "Point":
+            rings = (
+                [ring for polygon in shape["coordinates"] for ring in polygon]
+                if shape["type"] == "MultiPolygon"
+                else shape["coordinates"]
+            )
+            lines = [line for ring in rings for line in opened(ring)]
+            _lines(_track(root, str(told["name"]), f"contact {told['time']}, {told['shape']}", "contact"), lines)
     for feature in _legs(run):
         told = feature["properties"]
         if str(told["start"]).startswith(day):
             words = f"{told['kind']} {told['start']} to {told['end']}"
             _lines(_track(root, str(told["name"]), words, "search"), feature["geometry"]["coordinates"])
     return markup.text(root)
+
+
+def _thinned(areas: list[Any]) -> tuple[float, list[Any]]:
+    """Return by how much outlines are off [m], and the areas (time, share, told, lines) with so few points as that allows."""
+    for tolerance in TOLERANCES:
+        found = [(*area[:3], [thin for line in area[3] if len(thin := thinned(line, tolerance)) > 1]) for area in areas]
+        if sum(len(line) for area in found for line in area[3]) <= MOST:
+            break
+    return tolerance, found
+
+
+def thinned(line: Line, tolerance: float) -> Line:
+    """Return a line [deg] with fewer points, off it by no more than a tolerance [m] (Douglas and Peucker 1973).
+
+    A closed one that is no wider than that is left out: nothing is returned.
+    """
+    if tolerance == 0:
+        return line
+    points = np.array(line, float)
+    wide = np.array([np.cos(np.radians(points[:, 1]).mean()), 1.0])
+    apart = np.degrees(tolerance / sphere.RADIUS)
+    thin = shapely.get_coordinates(shapely.LineString(points * wide).simplify(apart, preserve_topology=False)) / wide
+    closed = bool((points[0] == points[-1]).all())
+    return [] if closed and len(thin) < 4 else [[round(float(x), 6), round(float(y), 6)] for x, y in thin]
 
 
 def _names(times: Any) -> dict[Any, str]:

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from drift.forecast import tables
+from drift.forecast import mapped, tables
 from drift.forecast import tracks as forecast_tracks
 from drift.forecast.build import Forecast
 from drift.forecast.tracks import Trajectories
@@ -31,7 +31,8 @@ class Matter:
 def _map(matter: Matter, path: Path) -> None:
     from drift.forecast import map as forecast_map  # imported here, for Matplotlib takes a second
 
-    forecast_map.draw_map(matter.forecast, path, matter.setting, overlays=matter.overlays)
+    time = mapped.opening(matter.forecast.data, matter.setting.opens)
+    forecast_map.draw_map(matter.forecast, path, matter.setting, time=time, overlays=matter.overlays)
 
 
 def _snapshots(matter: Matter, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What of a forecast's grid its maps show."""
+"""What of a forecast its maps show: which part of its grid, and which output first."""
 
 import numpy as np
 import xarray as xr
@@ -20,3 +20,9 @@ def box(data: xr.Dataset) -> Box:
     west, south, east, north = lon.min(), lat.min(), lon.max(), lat.max()
     wide, high = MORE * (east - west), MORE * (north - south)
     return Box(float(west - wide), max(float(south - high), -90.0), float(east + wide), min(float(north + high), 90.0))
+
+
+def opening(data: xr.Dataset, opens: np.datetime64 | None) -> int:
+    """Return the number of the output that is shown first: the one nearest to a time; None: the last."""
+    times = data["time"].values
+    return len(times) - 1 if opens is None else int(np.argmin(np.abs(times - opens)))

@@ -4,6 +4,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from drift.maps.marks import Line, Mark
 from geo.box import Box
 
@@ -29,4 +31,5 @@ class Setting:
     others: Sequence[tuple[float, float]] = ()  # positions of those of many that have no mark of their own [deg]
     known_as: str = "Last known position"  # what the legend calls the marks
     particles: int | None = None  # particles in the run
+    opens: np.datetime64 | None = None  # the output that the map and the report show first; None: the last
     overlays: Sequence[Callable[[Any], Any]] = ()  # what else stands on maps, such as itineraries: maps.overlay.AtTime

@@ -13,6 +13,7 @@ import numpy as np
 from drift.motion.lanes import Network, Route
 from geo import sphere
 from geo.array import Array
+from geo.notation import NMI
 
 PIECE = 50_000.0  # [m] how finely great circles are followed for their extent
 
@@ -192,11 +193,12 @@ class Itinerary:
 
     phases: tuple[Phase, ...]
     distress: Distress | None = None  # None: it never goes adrift
-    overdue: np.datetime64 | None = None  # what has arrived by then is not what is looked for
+    overdue: np.datetime64 | None = None  # from then on what is in port is not what is looked for
     land: Literal["refuse", "stop", "ignore"] = "refuse"
     search_object: str | None = None  # what sorties look for while it is under way, in the sweep width tables
     # Whether it makes good the current, or keeps its itinerary by dead reckoning and is set off its way.
     currents: Literal["compensated", "felt"] = "compensated"
+    arrival_radius: float = 10 * NMI  # [m] of its last way point within which what has arrived is in port
 
     @property
     def fastest(self) -> float:

@@ -118,11 +118,13 @@ class Helm:
         unit: Array,
         exposure: Device,
         passed: Device,
+        shore: bool,
     ) -> None:
         """Add what a sensor does to targets on a stretch of the step just made: see kernels.sweep_targets.expose."""
         e = self._ensemble
         sweep_targets.expose(
-            self._made(kept, step), self.batch, e.scenario, e.seed, step, kind, track, table, scale, unit, exposure, passed
+            self._made(kept, step), self.batch, e.scenario, e.seed, step, kind, track, table, scale, unit, exposure,
+            passed, (e.status, e.status_since), shore,
         )  # fmt: skip
 
     def born(self, tries: Device) -> None:

@@ -9,11 +9,19 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from geo import notation
+from geo import notation, sphere
 
 CONVENTIONS = "CF-1.11, ACDD-1.3"
 KEYWORDS = "drift at sea, search and rescue, leeway, particle filter, probability"
 VOCABULARY = "CF Standard Name Table v93"
+EARTH = "crs"  # variable that says on which Earth positions lie
+SPHERE = {
+    "grid_mapping_name": "latitude_longitude",
+    "long_name": "the sphere on which the run reckons; longitudes and latitudes are those of charts, WGS 84",
+    "earth_radius": sphere.RADIUS,  # [m]
+    "longitude_of_prime_meridian": 0.0,
+    "coverage_content_type": "auxiliaryInformation",
+}
 CLOCK = "leap_seconds: none"  # our seconds since 1970 count none (CF-1.11, section 4.4.1)
 
 
@@ -38,7 +46,21 @@ def described(data: xr.Dataset, stamped: Mapping[str, str], name: str) -> xr.Dat
         kind = "coordinate" if key in whole.coords else "modelResult"
         clock = {"units_metadata": CLOCK} if variable.dtype.kind == "M" or "calendar" in variable.attrs else {}
         variable.attrs = {"coverage_content_type": kind, **variable.attrs, **clock}
-    return whole
+    return _on_the_sphere(whole)
+
+
+def _on_the_sphere(data: xr.Dataset) -> xr.Dataset:
+    """Return a dataset that says on which Earth its longitudes and latitudes lie (CF, 5.6), if it has any.
+
+    Of variables those refer to it that lie along the axes of both.
+    """
+    along = [set(found[0].dims) for name in ("latitude", "longitude") if (found := _named(data, name))]
+    if not along:
+        return data
+    for name, variable in data.data_vars.items():
+        if set().union(*along) <= set(variable.dims) and not str(name).endswith("_bnds"):
+            variable.attrs["grid_mapping"] = EARTH
+    return data.assign({EARTH: ((), np.int32(0), SPHERE)})
 
 
 def _labelled(data: xr.Dataset) -> xr.Dataset:
@@ -86,12 +108,17 @@ def _time(data: xr.Dataset) -> dict[str, str]:
 
 def _values(data: xr.Dataset, standard_name: str) -> Any:
     """Return what there is of a coordinate, by its standard name: of coordinates, else of other variables."""
+    held = [np.ravel(variable.values) for variable in _named(data, standard_name)]
+    every = np.concatenate(held) if held else np.array([])
+    return every[~np.isnat(every)] if every.dtype.kind == "M" else every[np.isfinite(every)]
+
+
+def _named(data: xr.Dataset, standard_name: str) -> list[xr.DataArray]:
+    """Return the variables of a standard name: of coordinates, else others."""
     for variables in (data.coords, data.data_vars):
-        held = [v.values for v in variables.values() if v.attrs.get("standard_name") == standard_name]
-        if held:
-            every = np.concatenate([np.ravel(values) for values in held])
-            return every[~np.isnat(every)] if every.dtype.kind == "M" else every[np.isfinite(every)]
-    return np.array([])
+        if held := [v for v in variables.values() if v.attrs.get("standard_name") == standard_name]:
+            return held
+    return []
 
 
 def _duration(length: np.timedelta64) -> str:

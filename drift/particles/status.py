@@ -23,6 +23,7 @@ class Status(IntEnum):
 
 ON_MAP = (Status.ADRIFT, Status.ASHORE, Status.UNDER_WAY, Status.ARRIVED, Status.AGROUND)
 AT_REST = (Status.ASHORE, Status.ARRIVED, Status.AGROUND)
+STRANDED = (Status.ASHORE, Status.AGROUND)
 LOST = (Status.OUTSIDE, Status.LEFT)
 
 

@@ -148,6 +148,8 @@ def _table(name: str, tasking: Tasking, scenarios: Sequence[str]) -> dict[str, s
     table["start"] = _quoted(notation.iso(sortie.start))
     if sortie.legs is None:
         table["end"] = _quoted(notation.iso(sortie.end))
+    if not sortie.ashore:
+        table["ashore"] = "false"
     table["law"] = laws.of(sortie.law).written(sortie.law)
     table["sweep_width"] = _widths(sortie.sweep_width, scenarios)
     if sortie.width_under_way not in ((), sortie.sweep_width):

@@ -21,8 +21,9 @@ from drift.motion.itinerary import Itinerary, Ways
 from drift.motion.simulate import Moment
 from drift.particles import ensemble as record
 from drift.particles.ensemble import Ensemble
-from drift.particles.status import Status, on_map
+from drift.particles.status import STRANDED, Status, on_map
 from drift.planner.planning_tracks import Tracks
+from drift.search import overdue
 from drift.search.records import Resampling
 from geo import sphere
 from geo.array import Array
@@ -49,10 +50,11 @@ def follow(case: Case, where: Environment) -> Tracks:
         edges = np.unique(np.linspace(0, span, count + 1).round().astype(np.int64))
         if steers:
             edges = _on_lattice(span, spec.particles, begin.clock, first)
-        moments, flows = list[Moment](), list[Array]()
+        moments, flows, ports, drawn = list[Moment](), list[Array](), list[Array](), start.ensemble_spec(few)
         bridged = _bridged(steers)
         for moment in simulate.run(begin.ensemble, begin.scene, begin.clock, first + edges, search=search):
             moments.append(moment)
+            ports.append(overdue.in_port(drawn, begin.ensemble, moment.status, case.period.time(moment.elapsed)))
             if bridged.any():
                 # Inside a step the columns are those of its end; there the velocity that it began with still holds.
                 known = not flows or begin.clock.ends(moment.elapsed)
@@ -61,7 +63,11 @@ def follow(case: Case, where: Environment) -> Tracks:
         begin.scene.forcing.close()
     ensemble = begin.ensemble
     epoch = begin.clock.start
-    seen = [on_map(moment.status) for moment in moments]
+    unseen = () if spec.ashore else STRANDED
+    seen = [
+        on_map(moment.status) & ~np.isin(moment.status, unseen) & ~port
+        for moment, port in zip(moments, ports, strict=True)
+    ]
     return Tracks(
         time=(epoch + first + edges).astype(np.float64),
         lon=np.stack([moment.lon for moment in moments]),

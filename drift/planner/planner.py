@@ -15,9 +15,10 @@ import numpy as np
 
 from drift import facts, flow
 from drift.case.record import Case
-from drift.forecast import effective, likeliest
+from drift.forecast import effective, likeliest, mapped
 from drift.forecast.effective import Count
 from drift.job import Job, Options, Report, in_turn, opened
+from drift.particles.status import STRANDED
 from drift.planner import bound as bounds
 from drift.planner import chapter, fleet, follow, optimiser
 from drift.planner.bound import Bound
@@ -165,13 +166,14 @@ def _worth(case: Case, rounds: _Rounds, result: Result) -> Plan:
     by_name = {update.name: update for update in result.updates.all}
     updates = [by_name[tasking.sortie.name] for tasking in rounds.tasked]
     missed = np.prod([1 - np.asarray(update.pos) for update in updates], axis=0)
-    alive, so_far = 0.0, 1.0
+    alive, ashore, so_far = 0.0, 0.0, 1.0
     for update in updates:
+        ashore += so_far * float(np.asarray(update.ashore)[-1])
         alive += so_far * float(np.asarray(update.pos if update.alive is None else update.alive)[-1])
         so_far *= 1 - float(np.asarray(update.pos)[-1])
     pos = 1 - float(missed[-1])
     taskings = tuple(
-        replace(tasking, pos=float(np.asarray(update.pos)[-1]))
+        replace(tasking, pos=float(np.asarray(update.pos)[-1]), pos_ashore=float(np.asarray(update.ashore)[-1]))
         for tasking, update in zip(rounds.tasked, updates, strict=True)
     )
     value = alive if spec.objective == "alive" else pos
@@ -194,6 +196,8 @@ def _worth(case: Case, rounds: _Rounds, result: Result) -> Plan:
         shares=_before(result.updates, updates[0].name),
         made_on=rounds.made_on,
         scored_on=scored_on,
+        ashore=_ashore(result, spec.begin),
+        pos_ashore=ashore,
         idle=tuple(unit.name for unit in case.units if unit.name not in sent),
         said=rounds.said,
     )
@@ -205,10 +209,17 @@ def _before(updates: Updates, name: str) -> Array:
     return np.asarray(updates.all[number - 1].posterior if number else updates.prior, float)
 
 
+def _ashore(result: Result, begin: np.datetime64) -> float:
+    """Return the probability that the object lies ashore, or has run aground, when a plan begins."""
+    data = result.forecast.data
+    then = data["status_probability"].isel(time=mapped.opening(data, begin))
+    return float(then.where(then["status"].isin([status.name.lower() for status in STRANDED])).sum())
+
+
 def _scored(result: Result, executed: Case, begin: np.datetime64) -> Count:
     """Return how many of the case's particles count when a plan begins."""
-    outputs = result.forecast.data["time"].values
-    return effective.at(result.forecast.data, int(np.argmin(np.abs(outputs - begin))), executed.particles)
+    data = result.forecast.data
+    return effective.at(data, mapped.opening(data, begin), executed.particles)
 
 
 def _error(bound: float, bound_number: float, value: float, scored_on: Count) -> float:
@@ -229,7 +240,7 @@ def _named(tasking: Tasking, number: int, rounds: int, case: Case) -> Tasking:
     name = f"{tasking.unit.name}, planned" + (f" {number}" if rounds > 1 else "")
     while name in {sortie.name for sortie in case.sorties}:
         name += " anew"
-    return replace(tasking, round=number, sortie=replace(tasking.sortie, name=name))
+    return replace(tasking, round=number, sortie=replace(tasking.sortie, name=name, ashore=case.plan.ashore))
 
 
 def _with(case: Case, tasked: Sequence[Tasking]) -> Case:

@@ -19,7 +19,7 @@ class Tracks:
     time: Array  # float64 [s since 1970] (b + 1,)
     lon: Array  # int32 binary angle (b + 1, m)
     lat: Array
-    adrift: Array  # bool (b + 1, m): the particle can be detected (it is adrift, under way, or where it has stopped)
+    adrift: Array  # bool (b + 1, m): the particle can be detected (it is adrift, under way, or where it has stopped, if that is looked for)
     weight: Array  # float64 (m,), with the sum 1
     scenario: Array  # int32 (m,)
     release: Array  # float64 [s since 1970] (m,)

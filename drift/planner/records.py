@@ -33,6 +33,7 @@ class Tasking:
     back: tuple[LonLat, ...] = ()  # and from where its search ends
     cut: tuple[int, ...] = ()  # numbers of the legs, from 1, that are cut at the coast, or go round it
     swept: float = 1.0  # share of the sub-area's sea that its legs search, cut as they are
+    pos_ashore: float = 0.0  # the part of pos that is of what lies ashore as it ends
     waits: str = ""  # why it searches later than it could, if it does
 
 
@@ -62,6 +63,8 @@ class Plan:
     alternatives: tuple[Alternative, ...]  # their values are of the particles that `seen` is of
     scenarios: tuple[str, ...]
     shares: Array | None = None  # (scenarios,) probability of each before the plan; None: not known
+    ashore: float = 0.0  # probability that it lies ashore, or has run aground, when the plan begins
+    pos_ashore: float = 0.0  # the part of pos that is of what lies ashore as a unit passes
     idle: tuple[str, ...] = ()  # units that are not sent
     said: tuple[str, ...] = ()  # of boats: how they leave harbour, and why one cannot get there
     made_on: Count | None = None  # how many of the particles that it was made on count

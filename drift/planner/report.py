@@ -1,6 +1,7 @@
 """What report.html shows of a plan: where each unit goes, and what the plan is worth."""
 
 from drift.planner import files
+from drift.planner import text as plan_text
 from drift.planner.records import Plan
 from drift.report import leaves
 from drift.report.leaves import Leaf
@@ -16,7 +17,8 @@ TOLD = [
 def of(plan: Plan) -> list[Leaf]:
     """Return the leaves of a plan."""
     file = "plan.geojson"
-    rows = [[row["area"], *(row[name] for name, _, _ in TOLD)] for row in files.numbers(plan)["taskings"]]
+    told = [*TOLD[:4], *([("pos_ashore", "of it ashore", "share")] if plan.spec.ashore else []), *TOLD[4:]]
+    rows = [[row["area"], *(row[name] for name, _, _ in told)] for row in files.numbers(plan)["taskings"]]
     return [
         leaves.shapes(
             "Planned areas", file, "planned", where={"shape": "area"}, span=SPAN, label="area", told=TOLD, frame=True
@@ -26,6 +28,6 @@ def of(plan: Plan) -> list[Leaf]:
         leaves.shapes(
             "Commence search points", file, "planned_point", where={"shape": "csp"}, told=[("area", "Area", "words")]
         ),
-        leaves.table("Units of the plan", [("area", "Area", "words"), *TOLD], rows=rows),
+        leaves.table("Units of the plan", [("area", "Area", "words"), *told], rows=rows, note=plan_text.stranded(plan)),
         leaves.text("Search action plan", file="plan.txt"),
     ]

@@ -20,6 +20,7 @@ WIDE = 78
 FOOT = 0.3048  # [m]
 LABEL = 18
 LONG_WAIT = 0.5  # [h]; of a longer wait the crew reads the reason
+TOLD_ASHORE = 0.005  # probability from which what lies ashore is told of
 OPTIMISTIC = 0.02  # by how much a plan may score better on its own particles without a warning
 OBJECTIVES = {"pos": "detect the object", "alive": "detect the object while alive"}
 PATTERN = "parallel sweep (PS)"
@@ -112,6 +113,20 @@ def worth(plan: Plan) -> str:
     return f"{value}; estimated bound {_up(plan.bound, digits):.{digits}f}{error}"
 
 
+def stranded(plan: Plan) -> str:
+    """Return what becomes of what lies ashore: how likely that is, and whether the plan looks for it; "" for nothing."""
+    if max(plan.ashore, plan.pos_ashore) < TOLD_ASHORE:
+        return ""
+    lies = f"it lies ashore with {_percent(plan.ashore)} when the plan begins"
+    if plan.spec.ashore:
+        return f"{lies}; {chance(plan.pos_ashore)} of the POS is of what lies there as a unit passes"
+    return f"{lies}; units look for what is afloat alone (ashore = true in [plan]: they see the shore), have the shore searched"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
+
+
 def chance(value: float, digits: int = 2) -> str:
     """Return a probability in so many digits; what is not certain is not written as 1."""
     rounded = f"{value:.{digits}f}"
@@ -133,6 +148,8 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
     if datum is not None and (where := notation.position(*datum[:2])) is not None:
         rows.append(("Datum", f"{where} at {notation.group(datum[2])}"))
     rows += [("Objective", OBJECTIVES[plan.spec.objective]), ("Worth", worth(plan))]
+    if words := stranded(plan):
+        rows.append(("Ashore", words))
     if plan.bound:
         bound = (
             "An estimate: no plan of these units, laws and times is expected to find more than "

@@ -19,7 +19,10 @@ def words(itinerary: Itinerary, adrift: str) -> str:
     if itinerary.distress is not None:
         text += f"; in distress {_distress(itinerary.distress)}, and then adrift as {adrift}"
     if itinerary.overdue is not None:
-        text += f"; what has arrived by {notation.group(itinerary.overdue)} is not looked for"
+        text += (
+            f"; from {notation.group(itinerary.overdue)} on, what has arrived within {itinerary.arrival_radius / NMI:.3g} nmi of its "
+            "last way point is in port and not looked for"
+        )
     return text
 
 

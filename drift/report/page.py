@@ -25,7 +25,7 @@ from drift.output import formats, geojson
 from drift.report import leaves as records
 from drift.report import packed
 from drift.report.leaves import Leaf
-from geo import sphere
+from geo import notation, sphere
 from geo.array import Array
 from geo.box import Box
 
@@ -53,6 +53,7 @@ def write(path: Path, leaves: Sequence[Leaf], on: Setting, warnings: Sequence[st
         "warnings": list(warnings),
         "source": on.imprint.footer,
         "attributes": {name: stamped[name] for name in ("run_id", "versions", "date_created")},
+        "opens": None if on.opens is None else int(notation.epochs(on.opens)),
         "projection": _projection(box),
         "land": packed.text(json.dumps(_land(on, box), separators=(",", ":")).encode()),
         "leaves": list(leaves),

@@ -125,30 +125,30 @@ class SortieExposure:
         if keep:
             self._seen = last
         share = np.array([1 / (self.end - self.begin)])
-        times, before = (step.elapsed, step.duration), (begin.lon, begin.lat)
+        times, before, shore = (step.elapsed, step.duration), (begin.lon, begin.lat), self.sortie.ashore
         for scenarios, marker in self._ways:
             own, moved = ensemble.batch(scenarios), marker.where if marker else None
             steered = helm.some(scenarios) if helm and begin.helm else None
             if self._path is not None and self._looks:
                 track = self._path.between(first, last, step.elapsed, moved, self._datum)
                 if track is not None:
-                    sweep.expose(ensemble, own, before, *times, self._kind, track, *self._tables, exposed.adrift)
+                    sweep.expose(ensemble, own, before, *times, self._kind, track, *self._tables, exposed.adrift, shore)
                     if steered and begin.helm:
                         column = exposed.adrift if self._kind == sweep.ABEAM else exposed.under_way
                         steered.expose(
                             begin.helm, step, self._kind, track, *self._tables_under_way, self._unit, column,
-                            exposed.passed,
+                            exposed.passed, shore,
                         )  # fmt: skip
             if self._place is not None and self._ring is not None:
                 track = self._place.between(first, last, step.elapsed, moved, self._datum)
                 apart = exposed.inside is not None
                 inside = exposed.inside if apart else exposed.adrift
-                sweep.expose(ensemble, own, before, *times, sweep.INSIDE, track, self._ring, share, inside)
+                sweep.expose(ensemble, own, before, *times, sweep.INSIDE, track, self._ring, share, inside, shore)
                 if steered and begin.helm and track is not None:
                     column = exposed.inside if apart else exposed.under_way
                     steered.expose(
-                        begin.helm, step, sweep.INSIDE, track, self._ring, share, self._unit, column, exposed.passed
-                    )
+                        begin.helm, step, sweep.INSIDE, track, self._ring, share, self._unit, column, exposed.passed, shore
+                    )  # fmt: skip
         return exposed
 
     def _empty(self, ensemble: Ensemble, steers: bool) -> Exposed:

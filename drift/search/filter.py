@@ -19,7 +19,7 @@ from drift.motion.simulate import PositionsAt
 from drift.particles import ensemble as record
 from drift.particles import life, resample, weights
 from drift.particles.ensemble import Ensemble
-from drift.particles.status import Status, on_map
+from drift.particles.status import STRANDED, Status, on_map
 from drift.particles.weights import Weighed
 from drift.search import contacts as contact_laws
 from drift.search import crossings, debris, looks, overdue
@@ -53,11 +53,13 @@ class Search:
         scene: Scene,
         sensors: Sensors = NO_SENSORS,
         noted: Noted | None = None,
+        known: Sequence[np.datetime64] = (),
     ) -> None:
         """Make ready for a run through a scene of an ensemble that has been drawn from `spec`.
 
         noted: is told of each update as it takes effect, with the log weights (n,) before and after it, and the
-        particle of the begin from which each descends (n,); None: itself.
+        particle of the begin from which each descends (n,); None: itself. known: when it is known that nothing was reported,
+        besides the times of sorties, contacts and sensors.
         """
         self._noted = noted
         self._spec, self._resampling, self.ensemble, self._scene = spec, resampling, ensemble, scene
@@ -71,7 +73,10 @@ class Search:
         self._begin: Begin | None = None  # where the particles began the present step
         self._looks = [(spec.period.elapsed(look.time), look) for look in sensors.looks]
         self._observers = Observers(spec, sensors, ensemble, scene)
-        self._overdue = overdue.times(spec)
+        heard = [*known, *sensors.times, *(contact.time for contact in contacts)]
+        heard += [time for sortie in sorties for time in (sortie.start, sortie.end)]
+        self._begins = overdue.begins(spec)
+        self._overdue = overdue.times(spec, [spec.period.elapsed(time) for time in heard])
         self._debris = debris.of_contacts(spec, self._contacts, scene, ensemble)
         self._updates: list[Update] = []
         first = self.ensemble.log_weight.to_numpy()
@@ -159,7 +164,9 @@ class Search:
             self._look(look, time, place)
         if time in self._overdue:
             missing = overdue.log_likelihood(self._spec, time, self.ensemble)
-            self._tell(overdue.name(self._spec, time), "overdue", time, missing, positive=True)
+            news = time in self._begins or (missing[self.ensemble.log_weight.to_numpy() > -np.inf] < 0).any()
+            if news:
+                self._tell(overdue.name(self._spec, time), "overdue", time, missing, positive=True)
         for seen in self._observers.over(time):
             likelihood = seen.likelihood(seen.ready(self.ensemble.n), over=True)
             assert likelihood is not None
@@ -179,13 +186,15 @@ class Search:
         lost, alive = weight - weights.relative(after, before), None
         if any(s.survival for s in self._spec.scenarios):
             alive = self._mean(lost * self._alive(0.5 * (flown.begin + flown.end)), weight)
+        there = np.isin(life.read(self.ensemble).at(flown.end), STRANDED)
         searched = flown.searched()
         effective = self._effective(after, now)
         self._never = (1 - searched if self._never is None else self._never * (1 - searched)).astype(np.float32)
         self._note(
             Update(
                 sortie.name, "sortie", sortie.end, evidence, now.scenarios, self._effective(before, then), effective,
-                poc=self._mean(np.maximum(weight * searched, lost), weight), pos=pos, alive=alive,
+                poc=self._mean(np.maximum(weight * searched, lost), weight), pos=pos,
+                ashore=self._mean(lost * there, weight), alive=alive,
                 cumulative=1 - self._missed, standing=self._standing(sortie.end, after, effective),
             ),
             before,

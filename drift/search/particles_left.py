@@ -1,5 +1,6 @@
 """How many particles sorties and contacts leave, and the warnings where these are few."""
 
+import math
 from typing import Any
 
 from drift.forecast import effective
@@ -14,9 +15,21 @@ def of_run(data: Any, particles: int, updates: Updates | None) -> list[str]:
         return effective.of_run(data, particles)
     low = Count(update.ess_after, particles)
     anew = "" if update.resampled else ", or [resampling] below = 0.05"
-    words = effective.sentence(low, after(update), "areas and shares after it are rough")
-    warning = f"{words}. Check it; else give more particles{anew}"
+    when = f"{after(update)} ({Count(update.ess_before).number:,.0f} before it)"
+    words = effective.sentence(low, when, "areas and shares after it are rough")
+    warning = f"{words}. Check it; else give {enough(low):,} particles or more{anew}"
     return [warning, *effective.of_run(data, particles, update.time, update.ess_after)]
+
+
+def enough(low: Count) -> int:
+    """Return how many particles would leave so many that count that they are not few, to two digits, rounded up.
+
+    What a likelihood leaves of particles grows with their number.
+    """
+    assert low.of is not None
+    wanted = low.of * effective.FEW[low.what] / low.number
+    digit = 10 ** max(math.floor(math.log10(wanted)) - 1, 0)
+    return int(math.ceil(wanted / digit) * digit)
 
 
 def first_low(updates: Updates) -> Update | None:

@@ -55,6 +55,7 @@ class Sortie:
     legs: Legs | None = None  # tracks made good; of a watch, where its sensor was
     watch: Watch | None = None
     completed: float = 1.0  # share of the effort that was spent; legs are already cut
+    ashore: bool = True  # whether it sees what lies ashore or has run aground
     frame: Literal["ground", "datum"] = "ground"  # "datum": area and legs drift with a marker
     marker: Legs | None = None  # track of the marker, if known; else it drifts with the water from `datum`
     datum: tuple[float, float] | None = None  # (lon, lat) [deg] where a drifting frame begins
@@ -258,6 +259,7 @@ class PlanSpec:
     separation: float = 0.0  # [m] between areas that are searched at the same time
     rounds: int = 1  # sorties of each unit, each planned on the failure of those before
     particles: int = 40_000  # particles on which the plan is made; it is scored on those of the case
+    ashore: bool = False  # whether its units look for what lies ashore too
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ def _updates(planned: bool) -> Leaf:
     columns = [
         ("time", "Time", "time"), ("name", "What", "words"), ("kind", "Kind", "words"),
         *([("status", "Status", "words")] if planned else []), ("pod", "POD", "share"), ("poc", "POC", "share"),
-        ("pos", "POS", "share"), ("pos_cumulative", "POS so far", "share"), ("log_evidence", "ln evidence", "number"),
+        ("pos", "POS", "share"), ("pos_ashore", "of it ashore", "share"), ("pos_cumulative", "POS so far", "share"), ("log_evidence", "ln evidence", "number"),
         ("ess_after", "Particles that count after", "count"),
     ]  # fmt: skip
     note = "POD: of those inside; POC: probability that it was inside; POS: that it was found. In order of time."

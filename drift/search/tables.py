@@ -30,6 +30,7 @@ HEADER = [
     "pod",
     "poc",
     "pos",
+    "pos_ashore",
     "pos_alive",
     "pos_cumulative",
     "log_evidence",
@@ -56,7 +57,7 @@ def csv(updates: Updates, run: str) -> str:
     rows, status = [], _statuses(updates)
     for number, (update, before) in enumerate(steps(updates), 1):
         factors, pod = bayes_factors(update, before), update.pod
-        columns = [pod, update.poc, update.pos, update.alive, update.cumulative, update.log_evidence]
+        columns = [pod, update.poc, update.pos, update.ashore, update.alive, update.cumulative, update.log_evidence]
         for j, scenario in enumerate([*updates.scenarios, ALL]):
             single = j < len(updates.scenarios)
             rows.append(
@@ -160,6 +161,7 @@ def _update(updates: Updates, update: Update, before: Array) -> dict[str, Any]:
             "pod": _by_scenario(names, update.pod),
             "poc": _by_scenario(names, update.poc),
             "pos": _by_scenario(names, update.pos),
+            "pos_ashore": _by_scenario(names, update.ashore),
             "pos_alive": _by_scenario(names, update.alive),
             "cumulative_pos": _by_scenario(names, update.cumulative),
         }

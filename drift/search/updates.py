@@ -28,6 +28,7 @@ class Update:
     ess_after: float
     poc: Array | None = None  # probability that the object was where the sortie searched
     pos: Array | None = None  # 1 - exp(log_evidence): probability that it would have found the object
+    ashore: Array | None = None  # part of pos that is of what lies ashore, or has run aground, at its end
     alive: Array | None = None  # probability that it would have found the object alive; only with survival times
     cumulative: Array | None = None  # 1 - product of (1 - pos) over the sorties so far
     ess_resampled: float | None = None  # after particles were drawn anew, if they were
@@ -78,15 +79,15 @@ def together(updates: Updates) -> Updates:
     for update in updates.all:
         with np.errstate(divide="ignore", invalid="ignore"):  # nothing is known of what had no weight
             evidence = np.log(_with_all(shown, np.exp(update.log_evidence), before))
-        poc, pos, alive = (
+        poc, pos, ashore, alive = (
             None if values is None else _with_all(shown, values, before)
-            for values in (update.poc, update.pos, update.alive)
+            for values in (update.poc, update.pos, update.ashore, update.alive)
         )
         if pos is not None:
             missed = missed * (1 - pos)
         every.append(
             replace(
-                update, log_evidence=np.append(evidence[:-1], update.log_evidence[-1]), poc=poc, pos=pos, alive=alive,
+                update, log_evidence=np.append(evidence[:-1], update.log_evidence[-1]), poc=poc, pos=pos, ashore=ashore, alive=alive,
                 posterior=shown.sums(np.asarray(update.posterior, float)),
                 cumulative=None if update.cumulative is None else 1 - missed,
             )

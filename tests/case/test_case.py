@@ -305,9 +305,14 @@ REFUSED: list[tuple[dict[str, str], str]] = [
     ({"current.0.fill": "50"}, "0 to 20"),
     ({"current.0.constant": "{ speed = 1, toward = 3, from = 183 }"}, "found from, speed, toward"),
     ({"current.0.constant": "{ speed = 1 }"}, "found speed"),
+    ({"current.0.constant": "'1 kn'"}, r'current "set".constant: \'1 kn\' has no direction; write \{ speed = "15 kn", from = 240 \}'),
+    ({"current.0.constant": "[{ speed = 1, toward = 3 }]"}, "constant: is one vector, the same all the time; given a list"),
+    ({"wind.0": "{ table = { speed = 5, from = 3 } }"}, "wind 1.table: is rows by time, .*; given one vector"),
+    ({"wind": "{ constant = { speed = 5, from = 3 } }"}, r"wind: must be a list of tables, \[\[wind\]\] in place of \[wind\]"),
+    ({"current.0.table": "[]"}, r"found constant and table; leave one out \(--set gives a whole source so: current.0='\{ constant"),
     ({"wind.0": "{ table = [{ time = '+0 h', speed = 5, from = 3 }] }"}, "at least two rows"),
     ({"wind.0": "{ table = [{ time = '+1 h', east = 5, north = 3 }, { time = '+1 h', east = 1, north = 3 }] }"}, "come after"),
-    ({"scenario.5.weight": "1"}, r'--set scenario.5.weight: "5" is not a number from 0 to 0'),
+    ({"scenario.5.weight": "1"}, r': scenario.5.weight: "5" is not a number from 0 to 0'),
     ({"title.x": "1"}, "nothing called"),
 ]  # fmt: skip
 
@@ -349,7 +354,7 @@ def test_all_mistakes_in_tables_are_told_and_none_that_only_follows(tmp_path: Pa
         "seed.3": "1",
     }
     assert beginnings(tmp_path, text, changes) == [
-        '--set title.x: there is nothing called "x" inside a value',
+        'title.x: there is nothing called "x" inside a value',
     ]
     del changes["title.x"], changes["seed.3"]
     found = beginnings(tmp_path, text, changes)
@@ -508,6 +513,15 @@ def test_files_that_are_no_case(tmp_path: Path) -> None:
     (tmp_path / "folder.toml").mkdir()
     with pytest.raises(UserError, match="cannot read case"):
         case_file.load(tmp_path / "folder.toml")
+
+
+def test_a_folder_hides_no_shipped_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "overdue_boat").mkdir()
+    assert case_file.load("overdue_boat").title.startswith("Overdue boat")
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(UserError, match='no case "mine": neither a file nor a shipped case'):
+        case_file.load("mine")
 
 
 def test_shipped_cases_are_valid(monkeypatch: pytest.MonkeyPatch) -> None:

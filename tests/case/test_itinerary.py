@@ -52,6 +52,15 @@ def refused(tmp_path: Path, text: str) -> str:
     return line
 
 
+LOOKED = """
+[[sortie]]
+name = "it"
+unit = "Boat"
+start = "+2 h"
+speed = "14 kn"
+sweep_width = { visibility = "8 nmi", wind = "20 kn", seas = "1.5 m" }
+waypoints = [[-30.2, 45.1], [-30.4, 45.3]]
+"""
 BAD = {
     "a ratio below 1": (
         STORY + AT + course("{ low = 10, best = 30, high = 50, ratio = 0.5 }"),
@@ -195,6 +204,16 @@ BAD = {
     "overdue of what is adrift": (
         STORY + 'object = "water"\noverdue = "+20 h"\n' + AT + STILL,
         'scenario "one": overdue belongs to what is under way first; add [[scenario.phase]]',
+    ),
+    "a search object of what never goes adrift": (
+        STORY + 'search_object = "sail boat 30ft"\n' + VOYAGE.format('departure = "+1 h"'),
+        'scenario "one": search_object "Sail Boat 30ft" is looked for adrift, and this stays under way; write vessel = { search_object = '
+        '"Sail Boat 30ft" }, or add distress',
+    ),
+    "no search object of what stays under way": (
+        STORY + VOYAGE.format('departure = "+1 h"') + LOOKED,
+        'sortie "it": the sweep width tables need search_object in scenario "one", which stays under way: there write vessel = { search_object = '
+        '"Raft 4 person" }; or give sweep_width as a length here',
     ),
     "a key that is not known": (
         STORY + AT + PHASE + 'course = { corse = 30, speed = "5 kn" }\n',

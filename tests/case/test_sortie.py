@@ -700,6 +700,29 @@ def test_what_is_wrong_with_survival(value: str, tmp_path: Path) -> None:
     assert 'scenario "raft".survival' in line
 
 
+@pytest.mark.parametrize(
+    ("more", "hours"),
+    [
+        ((), None),
+        ((SORTIE, WHEN, WIDTH, BOX, FAST), 8),
+        ((SORTIE, WHEN, WIDTH, BOX, FAST, UNIT, WIDTH), 8),
+        ((SORTIE, WHEN, WIDTH, BOX, FAST, UNIT, WIDTH, '[plan]\nbegin = "+11 h"\n'), 11),
+        ((UNIT, WIDTH), None),  # it plans from the start on, where nothing is known yet
+        ((SORTIE, WHEN, WIDTH, BOX, FAST, UNIT, WIDTH, '[output]\ndatum = "+7 h"\n'), 7),
+    ],
+)
+def test_maps_open_at_the_time_that_matters(tmp_path: Path, more: tuple[str, ...], hours: int | None) -> None:
+    """The datum asked for, the begin of the plan, the end of the last sortie, the end: and it is an output."""
+    case = load(tmp_path, *more, head=HEAD.replace('output.every = "12 h"\n', ""))
+    assert case.opens == (None if hours is None else hour(hours))
+    assert case.opens is None or case.opens in case.outputs
+
+
+def test_a_datum_outside_the_run_is_refused(tmp_path: Path) -> None:
+    head = HEAD.replace('output.every = "12 h"', 'output.datum = "+25 h"')
+    assert "output.datum: 220100ZNOV26 is outside the run" in refusal(tmp_path, head=head)
+
+
 SEARCHES = [SORTIE + FULL, CONTACT + SEEN, UNIT + WIDTH, "[plan]\n", "[resampling]\n"]
 
 

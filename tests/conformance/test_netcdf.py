@@ -16,6 +16,8 @@ KNOWN = (
     "not in the recommended order T, Z, Y, X",  # time first: a file is written, read and cut by time
     # Tracks that share their times have one time axis, as those of OpenDrift and TrajAn; CF's appendix H.4 repeats it.
     "weight is not a trajectory, it is detected as a mapped-grid",
+    # The checker's rule and not CF's (5.6, appendix F): mean positions in a file on a grid are longitudes and latitudes too.
+    "grid mapping latitude_longitude requires exactly one variable with standard_name",
 )
 PERSONAL = {  # ACDD's attributes that only who hands a file on can fill, and those of heights, of which we have none
     *("acknowledgment/acknowledgement", "comment", "institution", "license", "naming_authority", "project"),

@@ -60,10 +60,10 @@ def search(tmp_path_factory: pytest.TempPathFactory) -> drift.Case:
 
 def test_a_case_against_itself_is_zero_in_every_number(search: drift.Case) -> None:
     found = drift.compare(search, search)
-    assert {row.quantity for row in found.differences} == {
+    assert {row.quantity for row in found.rows} == {
         "status", "scenario", "mean, east", "mean, north", "area", "POS", "cumulative POS"
     }  # fmt: skip
-    rows = [row for row in found.differences if np.isfinite(row.difference)]
+    rows = [row for row in found.rows if np.isfinite(row.difference)]
     assert len(rows) > 40
     assert {(row.difference, row.error) for row in rows} == {(0.0, 0.0)}
     for name in ("difference", "difference_error"):
@@ -71,6 +71,18 @@ def test_a_case_against_itself_is_zero_in_every_number(search: drift.Case) -> No
     np.testing.assert_array_equal(found.data["probability_a"], found.data["probability_b"])
     # The map is all of the probability that lies on it; at the start too.
     np.testing.assert_allclose(found.data["probability_a"].sum(("lat", "lon")), 1.0, atol=1e-5)
+
+
+def test_differences_are_a_table_with_units(search: drift.Case) -> None:
+    found = drift.compare(search, drift.vary(search, {"scenario.0.position.std": "2 nmi"}))
+    table = found.differences
+    assert list(table) == ["time", "quantity", "name", "unit", "a", "b", "difference", "standard_error"]
+    assert set(table["unit"]) == {"1", "m", "m2"}
+    areas = table[(table["quantity"] == "area") & (table["name"] == "50%")].set_index("time")
+    of_a = found.a.forecast.data["containment_area"].sel(share=0.5).to_series()
+    assert (areas["a"] == of_a[areas.index]).all()  # their times join, and areas are in m2
+    assert areas["difference"].equals(areas["b"] - areas["a"])
+    assert (areas["standard_error"] > 0).all()
 
 
 def test_runs_are_those_of_drift_run(search: drift.Case) -> None:

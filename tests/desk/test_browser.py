@@ -106,6 +106,25 @@ def test_a_change_by_somebody_else_is_not_lost(browser: Any, served: Server) -> 
         assert (served.folder / "shared.toml").read_text(encoding="utf-8") == 'title = "second"\n'
 
 
+def test_a_new_case_is_called_as_its_name_says(browser: Any, served: Server) -> None:
+    """Its title is the name that was typed; without a name a line says that there is none."""
+    with Page(browser, served) as opened:
+        page = opened.page
+        for empty in ("", "   ", ".toml"):
+            page.get_by_label("New case").fill(empty)
+            page.get_by_role("button", name="Write one").click()
+            assert "A case needs a name" in page.get_by_role("alert").filter(has_text="name").inner_text()
+            assert page.locator("#editor").is_hidden()
+        page.on("dialog", lambda dialog: dialog.accept())  # leaves what is not saved
+        for given, title in (("falmouth_search.toml", "falmouth search"), ('a "b" c', r"a \"b\" c")):
+            page.get_by_label("New case").fill(given)
+            page.get_by_role("button", name="Write one").click()
+            assert page.locator("#text").input_value() == f'title = "{title}"\n'
+            assert page.locator("#new-said").inner_text() == ""
+        assert page.locator("#editor-title").inner_text() == 'a "b" c.toml'
+        assert opened.complaints == []
+
+
 def test_hostile_names_are_text(browser: Any, served: Server) -> None:
     """Titles, warnings and errors with markup in them are shown as they are written."""
     finished(served.folder / "done", NASTY)

@@ -1,5 +1,7 @@
 """drift serve against attacks: every refusal, over real connections on the loopback."""
 
+import asyncio
+import errno
 import http.client
 import json
 import os
@@ -16,6 +18,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import hostile_netcdf
 import pytest
 import small_case
 from desks import NASTY, Server, finished, until
@@ -25,7 +28,7 @@ import drift
 from drift.cli import commands
 from drift.desk import gate, jobs, names, server, shelf
 from geo.errors import UserError
-from geo.files import fence
+from geo.files import fence, landlock
 
 LONG = 'particles = 200000\nduration = "240 h"\nclock.step = "60 s"'  # minutes of work, to be cancelled
 SLOW = small_case.STEADY.replace("particles = 500", "").replace('duration = "6 h"', LONG)
@@ -396,6 +399,16 @@ def test_a_shoreline_outside_is_refused_too(served: Server) -> None:
     assert "outside the folders" in "\n".join(job["lines"])
 
 
+@pytest.mark.skipif(not landlock.version(), reason="this system has no Landlock")
+def test_no_current_is_taken_from_a_file_that_a_file_names(served: Server) -> None:
+    """A netCDF-4 file in the folder with its values in one outside: the kernel refuses the job what the library asks for."""
+    hostile_netcdf.secret(served.folder.parent / "values.bin", "storage")
+    hostile_netcdf.write(served.folder / "current.nc", "storage", served.folder.parent / "values.bin")
+    job = over(served, ask_for(served, "check", "hostile.toml", small_case.CASE))
+    assert job["state"] == "failed"
+    assert "cannot read slice 0 of uo (NetCDF: HDF error)" in job["lines"][-1]
+
+
 @pytest.mark.slow
 def test_a_run_tells_progress_and_ends_in_a_report(served: Server) -> None:
     number = ask_for(served, "run", "good.toml", small_case.STEADY.replace('"trial"', f'"{NASTY}"'))
@@ -450,6 +463,87 @@ def test_modules_in_the_folder_are_not_imported(served: Server, monkeypatch: pyt
     job = over(served, ask_for(served, "check", "modules.toml", small_case.STEADY))
     (served.folder / "numpy.py").unlink()
     assert job["state"] == "done", job["lines"]
+
+
+def ended(folder: Path, monkeypatch: pytest.MonkeyPatch, does: str, limits: jobs.Limits, cancel: str = "") -> jobs.Job:
+    """Return a job, once it is over, whose process does something else; cancel: a line of its log upon which it is."""
+
+    async def carried_out() -> jobs.Job:
+        waiting = jobs.Jobs(folder, fence.Fence((folder,)), limits)
+        await waiting.open()
+        job = waiting.add("check", "case.toml", shelf.read(folder, "case.toml")[1])
+        assert job is not None
+        for _ in range(300):
+            if job.over:
+                break
+            if cancel and any(line.startswith(cancel) for line in job.lines):
+                await waiting.cancel(job)
+            await asyncio.sleep(0.05)
+        await waiting.close()
+        return job
+
+    monkeypatch.setattr(jobs, "START", does)
+    (folder / "case.toml").write_text(small_case.STEADY, encoding="utf-8")
+    return asyncio.run(carried_out())
+
+
+def test_a_job_works_in_an_empty_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where Python and libraries look for files of theirs there are none that a case's owner has put there."""
+    tells = "import os, tempfile; print(os.getcwd(), os.listdir(), tempfile.gettempdir()); (lambda memory: None)"
+    job = ended(tmp_path, monkeypatch, tells, jobs.Limits())
+    place, listed, scratch = job.lines[0].split()
+    assert (job.state, listed, scratch) == ("done", "[]", place)
+    assert not Path(place).is_relative_to(tmp_path)
+    assert not Path(place).is_relative_to(Path.cwd())
+    assert not Path(place).exists()  # any more
+
+
+def test_the_processes_of_a_job_end_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By force where they do not end by themselves, also those that the job's process started."""
+    deaf = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); import time"
+    starts = (
+        f"import sys, subprocess; print('pid', subprocess.Popen([sys.executable, '-c', '{deaf}; time.sleep(60)']).pid)"
+    )
+    monkeypatch.setattr(jobs, "GRACE", 1.0)
+    job = ended(tmp_path, monkeypatch, f"{deaf}; {starts}; time.sleep(60); (lambda memory: None)", jobs.Limits(), "pid")
+    assert job.state == "cancelled"
+    until(lambda: not _runs(int(job.lines[0].split()[1])), 10)
+
+
+def _runs(process: int) -> bool:
+    """Whether a process is there, and not only waits for its end to be taken note of."""
+    told = Path(f"/proc/{process}/stat")
+    try:
+        os.kill(process, 0)
+        return not told.exists() or told.read_text().rpartition(")")[2].split()[0] != "Z"
+    except (ProcessLookupError, FileNotFoundError):
+        return False
+
+
+FATES = {  # what a process does, and what its log ends with
+    "it takes too long": ("import time; time.sleep(60); (lambda memory: None)", "took more than 0.0005 h; drift serve --hours"),
+    "it is killed": ("import os; os.kill(os.getpid(), 9); (lambda memory: None)", "by SIGKILL, as happens where the memory"),
+    "it asks for too much": (
+        "from drift.cli import commands, tethered; commands._dispatch = lambda argv: bytearray(2**33); tethered.main",
+        "the memory does not suffice (",
+    ),
+    "Taichi asks for too much": (
+        "from drift.cli import commands, tethered; import numpy as np; from kernels import runtime; import taichi as ti; "
+        "commands._dispatch = lambda argv: (runtime.start(threads=1), ti.ndarray(ti.f32, 2**30)); tethered.main",
+        "the memory does not suffice ([host_memory_pool",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fate", FATES)
+def test_a_job_that_takes_too_much_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fate: str) -> None:
+    does, line = FATES[fate]
+    most = jobs.Limits(hours=0.0005 if "long" in fate else 1.0, memory=2.0)
+    monkeypatch.syspath_prepend(ROOT)
+    job = ended(tmp_path, monkeypatch, does, most)
+    assert job.state == "failed"
+    assert line in job.lines[-1], job.lines
+    assert "Traceback" not in "\n".join(job.lines)
 
 
 # --- the command -----------------------------------------------------------------------------------------------------
@@ -530,7 +624,25 @@ def test_refusals_of_the_command_are_a_line(tmp_path: Path, capsys: pytest.Captu
     assert "name one address" in refused(capsys, str(tmp_path), "--host", "0.0.0.0")
     assert "no such host" in refused(capsys, str(tmp_path), "--host", "no such host")
     assert "is not there" in refused(capsys, str(tmp_path), "--allow", str(tmp_path / "nowhere"))
+    for option, value in (("--hours", "0"), ("--hours", "nan"), ("--memory", "0.1"), ("--memory", "inf")):
+        assert f"{option} {value}: is" in refused(capsys, str(tmp_path), option, value)
     assert "is no host" in refused(capsys, str(tmp_path), "--allow-host", "http://x/")
+
+
+def test_a_port_that_is_not_ours_is_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The superuser may take any: the system's answer is made up. Without --port, the next one is tried."""
+
+    def refuse(one: socket.socket, address: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(socket.socket, "bind", refuse)
+    with pytest.raises(
+        UserError,
+        match=r"^port 80 of 127.0.0.1 is not yours to take, as those below 1024 mostly are not; give another with --port$",
+    ):
+        drift.serve(tmp_path, port=80)
+    with pytest.raises(UserError, match=r"ports 8765 to 8785 of 127.0.0.1 cannot be taken"):
+        drift.serve(tmp_path)
 
 
 def test_a_folder_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -140,7 +140,8 @@ def test_kmz_is_the_same_and_the_same_every_time(run: Path, tmp_path: Path) -> N
         assert archive.read("doc.kml") == (tmp_path / "plain/forecast.kml").read_bytes()
 
 
-def test_gpx_for_plotters(run: Path, forecast: xr.Dataset, tmp_path: Path) -> None:
+def test_gpx_for_plotters(run: Path, forecast: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plotter, "MOST", 1_000_000)  # so that outlines are those of contours.geojson, point by point
     drift.export(run, "gpx", tmp_path / "out")
     path = tmp_path / "out/forecast.gpx"
     fields, points = layer(path, "waypoints")
@@ -214,6 +215,52 @@ def test_a_long_forecast_has_a_file_a_day(tmp_path: Path) -> None:
     assert np.abs((np.array([x for _, x, _ in told]) - lon[kept] + 180) % 360 - 180).max() <= HALF
     data["datum_lat"][:] = data["mean_lat"][:] = np.nan
     assert list(plotter.files(Finished(tmp_path, frozenset(), data))) == ["forecast-20260601.gpx"]
+
+
+@pytest.mark.parametrize(("corners", "tolerance"), [(1900, 0), (4000, 50), (60_000, 500)])
+def test_outlines_are_thinned_and_the_file_says_so(tmp_path: Path, corners: int, tolerance: int) -> None:
+    """A ragged circle of 20 nmi at 60 N: no point farther off than is told, in metres by the sphere, and fewer than 2,000 of them."""
+    rng = np.random.default_rng(1)
+    turn = np.linspace(0, 2 * np.pi, corners, endpoint=False)
+    metres = 20 * NMI + (60 * rng.uniform(-1, 1, corners) if corners < 50_000 else 400 * rng.uniform(-1, 1, corners))
+    ring = np.column_stack([4 + metres * np.sin(turn) / METRES / 0.5, 60 + metres * np.cos(turn) / METRES])
+    speck = np.array([[3.0, 60.0], [3.0001, 60.0], [3.0001, 60.0001], [3.0, 60.0]])
+    rings = [[[*ring.tolist(), ring[0].tolist()]], [speck.tolist()]]
+    time = np.array(["2026-06-01T18:00"], "datetime64[ns]")
+    names = {
+        f"{name}_{axis}": ("time", [float(v)]) for name in ("mean", "datum") for axis, v in (("lon", 4), ("lat", 60))
+    }
+    data = xr.Dataset(names, {"time": time, "share": [0.5]}, {"title": "t", "run_id": "r"})
+    told = {"time": "2026-06-01T18:00:00Z", "level": 0.5, "area_nmi2": 1256.0}
+    area = {"type": "Feature", "properties": told, "geometry": {"type": "MultiPolygon", "coordinates": rings}}
+    (tmp_path / "contours.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [area]}))
+    contact = {"name": "flare", "kind": "contact", "time": "2026-06-01T12:00:00Z", "belief": 0.7}
+    shapes = [
+        ("point", {"type": "Point", "coordinates": [4.5, 60.5]}),
+        ("line", {"type": "MultiLineString", "coordinates": [[[4.0, 60.0], [4.5, 60.5]]]}),
+        ("region", {"type": "Polygon", "coordinates": [[[4, 60], [5, 60], [5, 61], [4, 60]]]}),
+    ]
+    features = [{"type": "Feature", "properties": {**contact, "shape": shape}, "geometry": g} for shape, g in shapes]
+    (tmp_path / "sorties.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    (text,) = plotter.files(Finished(tmp_path, frozenset(["contours.geojson", "sorties.geojson"]), data)).values()
+    root = ET.fromstring(text)
+    tracks = {
+        track.findtext("{*}name"): track for track in root.findall("{*}trk") if track.findtext("{*}type") == "area"
+    }
+    (area_track,) = tracks.values()
+    lines = [[(float(p.get("lon")), float(p.get("lat"))) for p in s] for s in area_track.findall("{*}trkseg")]
+    assert len(lines) == (2 if tolerance == 0 else 1)  # the speck is no wider than the tolerance
+    assert sum(map(len, lines)) <= plotter.MOST
+    said = f"off by up to {tolerance} m"
+    assert (said in text.decode()) == (tolerance > 0)
+    flat = shapely.LineString(np.array(lines[0]) * (0.5 * METRES, METRES))
+    off = shapely.distance(shapely.points(ring * (0.5 * METRES, METRES)), flat).max()
+    assert off <= 1.03 * tolerance + 0.2  # the cosine is that of its middle, and digits are rounded
+    assert ("flare", 4.5, 60.5) in [
+        (p.findtext("{*}name"), float(p.get("lon")), float(p.get("lat"))) for p in root.findall("{*}wpt")
+    ]
+    drawn = [t.findtext("{*}desc") for t in root.findall("{*}trk") if t.findtext("{*}type") == "contact"]
+    assert [words.split(", ")[1] for words in drawn] == ["line", "region"]
 
 
 def test_waypoints_have_a_name_each() -> None:

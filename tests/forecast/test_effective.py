@@ -311,7 +311,12 @@ def test_the_evidence_says_after_what_few_are_left(tmp_path, words):
     assert sum(text.endswith(", 8 particles count") for text in words) == 1
     told = particles_left.of_run(searches.search()[0].data, 12_000, replace(updates, all=tuple(low)))
     named = f'{low[2].kind} "{low[2].name}"'
-    assert told[0].startswith(f"only 8 of 12,000 particles count after {named}: areas and shares after it are rough")
+    before = f"{low[2].ess_before:,.0f}"
+    # 200 that count, of 7.9 in 12,000: 303,797
+    assert told[0].startswith(
+        f"only 8 of 12,000 particles count after {named} ({before} before it): areas and shares after it are rough. Check it; else "
+        "give 310,000 particles or more"
+    )
 
 
 CASE = """
@@ -350,7 +355,7 @@ def test_copies_do_not_make_a_run_look_sure(tmp_path):
         assert counted[-1] == pytest.approx(update.ess_after, rel=0.5)
         warning = data.attrs["warning"]
     many = round(update.ess_after)
-    told = f'only {many} of 3,000 particles count after contact "radar": areas and shares after it are rough'
+    told = f'only {many} of 3,000 particles count after contact "radar" (3,000 before it): areas and shares after it are rough'
     assert warning.startswith(told)
     summary = json.loads(Path(tmp_path / "out" / "summary.json").read_text())
     assert summary["warnings"][0].startswith(told)

@@ -11,7 +11,7 @@ from typing import Any
 
 import uvicorn
 
-from drift.desk import app, gate, server
+from drift.desk import app, gate, jobs, server
 from drift.output import manifest
 
 NASTY = "</script><img src=x onerror=alert(1)>"
@@ -20,14 +20,14 @@ NASTY = "</script><img src=x onerror=alert(1)>"
 class Server:
     """A desk on a free port, and a client that can lie to it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, limits: jobs.Limits = jobs.Limits()) -> None:  # noqa: B008
         self.folder, self.secret = folder, gate.Secret()
         self.socket = socket.socket()
         self.socket.bind(("127.0.0.1", 0))
         self.port = self.socket.getsockname()[1]
         self.host = f"127.0.0.1:{self.port}"
         allowed = server._allowed(folder, [], ["thredds.example.org"])
-        made = app.make(folder, (self.host, f"localhost:{self.port}"), self.secret, allowed)
+        made = app.make(folder, (self.host, f"localhost:{self.port}"), self.secret, allowed, limits)
         self._uvicorn = uvicorn.Server(server.configured(made))
         self._thread = threading.Thread(target=self._uvicorn.run, kwargs={"sockets": [self.socket]})
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
+import pyproj
 import pytest
 import shapely
 import xarray as xr
@@ -19,6 +20,7 @@ from places import ROOT
 
 from drift.forecast import build as forecast_build
 from drift.forecast import chapter as forecast_chapter
+from drift.forecast import map as forecast_map
 from drift.forecast.tracks import Trajectories
 from drift.maps.imprint import Imprint, Setting
 from drift.output import writer
@@ -93,6 +95,16 @@ def out(written):
     return written[0]
 
 
+@pytest.mark.parametrize(("opens", "shown"), [(None, -1), (0, 0), (1, 1)])
+def test_map_png_is_of_the_output_that_matters(monkeypatch, tmp_path, forecast, tracks, opens, shown):
+    drawn = []
+    monkeypatch.setattr(forecast_map, "draw_map", lambda *_, time, **__: drawn.append(TIMES[time]))
+    setting = Setting(Imprint("test"), opens=None if opens is None else TIMES[opens] + np.timedelta64(5, "s"))
+    pictures = forecast_chapter.chapter(forecast_chapter.Matter(forecast, tracks, setting)).pictures
+    pictures["map.png"](tmp_path / "map.png")
+    assert drawn == [TIMES[shown]]
+
+
 def write_little(folder, pictures=MappingProxyType({"map.png": ink}), **more):
     """Write results that are quickly made, for those who look at the folder: the writer knows no topic."""
     files = {
@@ -144,6 +156,17 @@ def test_forecast_opens_decoded_and_follows_cf(out, forecast):
     with xr.open_dataset(out / "forecast.nc", decode_cf=False) as raw:
         assert raw["time"].attrs["units"].startswith("seconds since")
         assert "_FillValue" not in raw["lon"].attrs
+
+
+@pytest.mark.parametrize(("file", "along"), [("forecast.nc", {"lat", "lon"}), ("particles.nc", {"trajectory", "time"})])
+def test_every_file_says_on_which_earth_it_is(out, file, along):
+    """PROJ makes the sphere of our distances of it, and leaves positions where they are on a chart."""
+    with xr.open_dataset(out / file, decode_coords="all") as data:  # a reference that is broken is a warning
+        referring = {name for name, v in data.data_vars.items() if v.encoding.get("grid_mapping") == "crs"}
+        assert referring == {name for name, v in data.data_vars.items() if along <= set(v.dims)}
+        crs = pyproj.CRS.from_cf(data["crs"].attrs)
+    assert crs.get_geod().a == crs.get_geod().b == sphere.RADIUS
+    assert pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(179.9, -17.2) == (179.9, -17.2)
 
 
 def test_particles_are_cf_trajectories(out, tracks):

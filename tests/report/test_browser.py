@@ -1,5 +1,6 @@
 """report.html in a real browser, Chromium without a window: what it shows against forecast.nc and cartopy's projections."""
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -153,7 +154,9 @@ def test_the_slider_moves_through_the_outputs(browser: Any, results: Path) -> No
     with Opened(browser, results) as opened:
         page = opened.page
         now = page.locator("#now")
-        assert now.inner_text().startswith(groups[-1])
+        # It opens after the only sortie, which is neither the first output nor the last.
+        assert now.inner_text().startswith(notation.group(drift.load(results.parent / "case.toml").sorties[0].end))
+        assert not now.inner_text().startswith((groups[0], groups[-1]))
         page.locator("#slider").focus()
         page.keyboard.press("Home")
         assert now.inner_text().startswith(groups[0])
@@ -236,6 +239,44 @@ def test_layers_can_be_switched(browser: Any, results: Path) -> None:
             page.locator("#layers label", has_text=re.compile(f"^{title}$")).locator("input").click()
             page.wait_for_timeout(250)
             assert page.locator("#map").screenshot() != before, title
+
+
+BEACH = """
+title = "Onto a beach"
+start = "160600ZNOV15"
+duration = "12 h"
+particles = 6000
+coast.source = "land.geojson"
+[[current]]
+constant = { speed = "1 kn", toward = 90 }
+[uncertainty]
+current = { std = "0.3 m/s", time = "6 h" }
+[[scenario]]
+name = "raft"
+object = "water"
+position = { at = [0.85, 0.0], error = "3 nmi" }
+"""
+
+
+def test_dots_ashore_have_their_weight(browser: Any, tmp_path: Path) -> None:
+    """The likeliest cells that hold half of what is ashore are drawn largest, and over the others: by ashore.csv, summed in NumPy."""
+    land = {"type": "Polygon", "coordinates": [[[1, -2], [2, -2], [2, 2], [1, 2], [1, -2]]]}
+    (tmp_path / "land.geojson").write_text(json.dumps(land), encoding="utf-8")
+    results = ran(tmp_path, BEACH)
+    share = np.sort(np.genfromtxt(results / "ashore.csv", delimiter=",", names=True, usecols=3)["probability_ashore"])[
+        ::-1
+    ]
+    before = (np.cumsum(share) - share) / share.sum()
+    expected = np.searchsorted([0.5, 0.75, 0.9, 0.97], before, side="right")
+    assert len(set(expected)) == 5, "the case is made so that there are dots of every class"
+    with Opened(browser, results) as opened:
+        of_layer = "report.layers.find(one => one.title === 'Ashore at the end').every"
+        drawn = opened.page.evaluate(f"{of_layer}.map(one => one.get('size'))")
+        assert drawn == sorted(expected.tolist(), reverse=True)
+        sizes, opaque = opened.page.evaluate("[SIZES, OPAQUE]")
+        assert sizes == sorted(sizes, reverse=True)
+        assert opaque == sorted(opaque, reverse=True)
+        assert opened.complaints == []
 
 
 def test_sorties_and_contacts_come_when_they_come(browser: Any, results: Path) -> None:

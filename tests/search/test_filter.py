@@ -845,13 +845,15 @@ def test_what_strands_or_goes_adrift_within_a_step_is_where_it_is():
     ring = np.array([-100.0, -100.0, 100.0, -100.0, 100.0, 100.0, -100.0, 100.0])
     for cuts in ([0, 3600], [0, 100, 1950, 3600]):
         exposure = runtime.empty(2)
+        afloat = runtime.empty(2)  # as a sensor has it that does not see the beach
         for begin, end in itertools.pairwise(cuts):
             track = still.between(begin, end, 0, None, (0.0, 0.0))
-            sweep.expose(
-                ensemble, ensemble.batch([0]), before, 0, 3600, sweep.INSIDE, track, ring, np.ones(1), exposure
-            )
+            args = (ensemble, ensemble.batch([0]), before, 0, 3600, sweep.INSIDE, track, ring, np.ones(1))
+            sweep.expose(*args, exposure)
+            sweep.expose(*args, afloat, shore=False)
         # the last tenth of the way lies in the area, and all the time after it
         assert exposure.to_numpy() == pytest.approx([3600 - 0.9 * 182, 3600 - 1000 - 0.9 * 1000], abs=0.1)
+        assert afloat.to_numpy() == pytest.approx([0.1 * 182, 0.1 * 1000], abs=0.1)
 
 
 @pytest.mark.parametrize("minutes", [7, 130, 300])

@@ -128,8 +128,12 @@
   get("new").addEventListener("submit", (event) => {
     event.preventDefault();
     const given = get("new-name").value.trim();
-    if (!given || !leave()) return;
-    lay(given.endsWith(".toml") ? given : `${given}.toml`, 'title = ""\n', null);
+    const plain = given.replace(/\.toml$/, "");
+    get("new-said").textContent = plain ? "" : "A case needs a name: write one, such as my_case, then press Write one.";
+    get("new-name").setAttribute("aria-invalid", !plain);
+    if (!plain) return get("new-name").focus();
+    if (!leave()) return;
+    lay(`${plain}.toml`, `title = ${JSON.stringify(plain.replaceAll("_", " "))}\n`, null); // JSON's escapes are TOML's too
     text.focus();
   });
 

@@ -108,26 +108,41 @@ function shapes(leaf, files, map, order) {
   };
 }
 
-const SIZES = [0.4, 0.6, 0.8, 1, 1.25]; // of points by their weight, as shares of the look's
+// Points by their weight: the heaviest that hold half of it all, then those that hold up to these shares. How large and how opaque
+// each class is, as shares of the look's: thousands of cells that hold next to nothing do not hide the few that matter.
+const HELD = [0.5, 0.75, 0.9, 0.97], SIZES = [1.5, 1.1, 0.8, 0.6, 0.45], OPAQUE = [1, 0.8, 0.55, 0.35, 0.18];
+
+// The class of each of some weights, 0 of those that hold the first of the shares.
+function classes(weights) {
+  const order = weights.map((weight, k) => k).sort((a, b) => weights[b] - weights[a]), made = [];
+  const whole = weights.reduce((sum, weight) => sum + weight, 0);
+  let held = 0;
+  for (const k of order) {
+    made[k] = HELD.filter(share => held >= share * whole).length; // by what those before it hold: the heaviest is always of the first
+    held += weights[k];
+  }
+  return made;
+}
 
 function points(leaf, files, map, order) {
   const table = files.table(leaf.file), column = name => table.header.indexOf(name);
   const [lon, lat, since, weight] = ["lon", "lat", leaf.since, leaf.weight].map(column);
-  const most = Math.max(1e-300, ...(weight < 0 ? [1] : table.rows.map(row => Number(row[weight]))));
-  const every = table.rows.map(row => {
+  const made = weight < 0 ? [] : classes(table.rows.map(row => Number(row[weight])));
+  const every = table.rows.map((row, k) => {
     const feature = new ol.Feature(new ol.geom.Point(map.forward([Number(row[lon]), Number(row[lat])])));
     feature.set("row", row, true);
-    feature.set("size", weight < 0 ? SIZES.length - 1 : Math.round(Math.sqrt(Number(row[weight]) / most) * (SIZES.length - 1)), true);
+    feature.set("size", weight < 0 ? 0 : made[k], true);
     feature.set("since", since < 0 ? -Infinity : epoch(row[since]), true);
     return feature;
   });
   const source = new ol.source.Vector({ wrapX: false });
   let styles = [];
+  every.sort((a, b) => b.get("size") - a.get("size")); // the heaviest over the others
   const layer = vector(source, feature => styles[feature.get("size")], order);
   return {
     ...leaf, layer, every,
     update(now) {
-      styles = SIZES.map(size => styled(leaf.look, { theme: now.theme, size }));
+      styles = SIZES.map((size, k) => styled(leaf.look, { theme: now.theme, size, opaque: OPAQUE[k] }));
       source.clear(true);
       source.addFeatures(every.filter(feature => feature.get("since") <= now.time));
       layer.changed();

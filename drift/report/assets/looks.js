@@ -77,14 +77,15 @@ function banded(look, theme, share) {
     .map(([width, color]) => new ol.style.Style({ stroke: new ol.style.Stroke({ color, width }) }));
 }
 
-// The styles of a shape. now: {theme, strong: drawn bolder, pale: drawn lighter, label, dash, width, colour, size: of its symbol, as a share}.
+// The styles of a shape. now: {theme, strong: drawn bolder, pale: drawn lighter, label, dash, width, colour, size: of its symbol, as a share,
+// opaque: how much a dot is, as a share}.
 function styled(look, now) {
   const made = LOOKS[look], inks = INKS[now.theme], ink = now.colour || inks[made.ink];
   const colour = tinted(ink, now.pale ? 0.55 : 1), width = (now.width || made.width) * (now.strong ? 1.8 : 1);
   const stroke = new ol.style.Stroke({ color: colour, width, lineDash: now.dash || made.dash || null });
   const halo = new ol.style.Stroke({ color: tinted(inks.halo, 0.7), width: width + 2 });
   const fill = new ol.style.Fill({ color: tinted(ink, made.fill || 0) });
-  const solid = new ol.style.Fill({ color: made.symbol === "dot" ? tinted(ink, made.fill || 1) : inks.halo });
+  const solid = new ol.style.Fill({ color: made.symbol === "dot" ? tinted(ink, (made.fill || 1) * (now.opaque || 1)) : inks.halo });
   const image = made.symbol && made.symbol !== "arrow"
     ? symbol(made.symbol, made.size * (now.size || 1), new ol.style.Stroke({ color: colour, width: Math.min(width, 2.4) }), solid) : undefined;
   const lines = feature => feature.get("outline") || feature.getGeometry();

@@ -48,7 +48,10 @@
   const times = raster ? raster.time : [...new Set(layers.flatMap(one => one.time || []))].sort((a, b) => a - b);
 
   // The state, and what follows from it.
-  const state = { index: Math.max(0, times.length - 1), story: 0, playing: false };
+  // It opens at the output nearest to the time that is asked for, else at the last.
+  const off = k => Math.abs(times[k] - data.opens);
+  const first = data.opens === null ? times.length - 1 : times.reduce((best, time, k) => off(k) < off(best) ? k : best, 0);
+  const state = { index: Math.max(0, first), story: 0, playing: false };
   const systemDark = matchMedia("(prefers-color-scheme: dark)");
   let chosenTheme = "auto";
   const theme = () => chosenTheme === "auto" ? (systemDark.matches ? "dark" : "light") : chosenTheme;

@@ -1,0 +1,112 @@
+"""The kernel's fence: files that libraries open by themselves, in a process as `drift serve` starts them."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import hostile_netcdf
+import pytest
+from places import ROOT
+
+from geo.files import fence, landlock
+
+READ = """
+import sys
+from drift.cli import tethered
+if sys.argv[1] == "enclosed":
+    tethered.enclose()
+from geo.files import dataset
+values = dataset.open_one(sys.argv[2], "current")["uo"].values
+print("read" if (values == 0.25).all() else values)
+"""
+
+
+def done(code: str, *given: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Return what a process prints whose fence is a folder."""
+    monkeypatch.setenv(fence.NAME, fence.text(fence.Fence((folder,))))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    one = subprocess.run([sys.executable, "-c", code, *given], cwd=folder, capture_output=True, text=True, timeout=120)
+    return one.stdout + one.stderr
+
+
+@pytest.fixture
+def inside(tmp_path: Path) -> Path:
+    (tmp_path / "inside").mkdir()
+    (tmp_path / "secret.nc").write_text("secret", encoding="utf-8")
+    return (tmp_path / "inside").resolve()
+
+
+needs = pytest.mark.skipif(not landlock.version(), reason="this system has no Landlock")
+
+
+@needs
+@pytest.mark.parametrize("how", hostile_netcdf.FILES)
+def test_no_file_that_a_netcdf_file_names_is_read(inside: Path, monkeypatch: pytest.MonkeyPatch, how: str) -> None:
+    """The library reads it where the kernel does not hold the fence, and where it lies in the folder."""
+    hostile_netcdf.secret(inside.parent / "secret.nc", how)
+    hostile_netcdf.write(inside / "x.nc", how, inside.parent / "secret.nc")
+    assert done(READ, "open", str(inside / "x.nc"), folder=inside, monkeypatch=monkeypatch) == "read\n"
+    told = done(READ, "enclosed", str(inside / "x.nc"), folder=inside, monkeypatch=monkeypatch)
+    assert re.search("NetCDF: HDF error|truncated or damaged", told.splitlines()[-1])
+    hostile_netcdf.secret(inside / "own.nc", how)
+    hostile_netcdf.write(inside / "y.nc", how, inside / "own.nc")
+    assert done(READ, "enclosed", str(inside / "y.nc"), folder=inside, monkeypatch=monkeypatch) == "read\n"
+
+
+TRY = """
+import os, subprocess, sys, tempfile
+from drift.cli import tethered
+tethered.enclose()
+def opens(path, how=os.O_RDONLY):
+    try:
+        os.close(os.open(path, how))
+        return True
+    except PermissionError:
+        return False
+print([opens(path) for path in sys.argv[1:]])
+print(subprocess.run([sys.executable, "-c", "open(__import__('sys').argv[1])", sys.argv[1]], capture_output=True).returncode)
+os.mkdir("a"), os.mkdir("b"), open("a/x", "w").close(), os.rename("a/x", "b/x")
+print(os.listdir("b"), tempfile.TemporaryFile().write(b"12"))
+"""
+
+
+@needs
+def test_what_is_outside_is_closed(inside: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also to processes that it starts; what it works with is open: moving files from folder to folder, other files."""
+    (inside / "in").write_text("", encoding="utf-8")
+    (inside / "link").symlink_to(inside.parent / "secret.nc")
+    monkeypatch.setenv("TMPDIR", str(inside))
+    closed = [
+        str(inside.parent / "secret.nc"),
+        str(inside / "link"),
+        "/proc/self/environ",
+        "/proc/self/mem",
+        "/etc/passwd",
+    ]
+    told = done(TRY, *closed, str(inside / "in"), "/dev/null", folder=inside, monkeypatch=monkeypatch).splitlines()
+    assert told == [str([False] * len(closed) + [True, True]), "1", "['x'] 2"]
+
+
+def test_the_home_folder_is_not_opened_for_a_module(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """`python -m drift serve` looks for modules where it was started; that may be the home folder, or that served."""
+    served = tmp_path / "at" / "served"
+    monkeypatch.setattr(
+        sys, "path", [str(tmp_path / "at"), str(served), str(Path.home()), "/", "", str(tmp_path / "modules")]
+    )
+    own = set(landlock._own([served]))
+    assert tmp_path / "modules" in own
+    assert not own & {tmp_path / "at", served, Path.home(), Path("/")}
+
+
+def test_a_system_without(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Of the first version, which could rename nothing, no use is made; the fence of names remains."""
+    monkeypatch.setattr(landlock, "_call", lambda *_: 1)
+    assert landlock.version() == 0
+    assert not landlock.enclose([tmp_path])
+
+    def refuse(*_: object) -> int:
+        raise OSError
+
+    monkeypatch.setattr(landlock, "_call", refuse)
+    assert not landlock.enclose([tmp_path])
