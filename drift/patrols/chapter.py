@@ -35,7 +35,7 @@ def _picture(matter: Matter, path: Path) -> None:
         for slot, visits in patrol_planner.by_patrol(matter.plan)
     ]
     imprint = replace(setting.imprint, title=f"Planned patrols: {setting.imprint.title}")
-    warnings = [*renewal.warnings(after), *patrol_files.too_long(matter.plan, after)]
+    warnings = [*renewal.warnings(after), *patrol_files.too_long(matter.plan, after, most=0)]
     washup_map.draw(
         after.washup, after.segments, path, replace(setting, imprint=imprint), finds=spill_chapter.finds(after),
         patrols=washup_map.Patrols(planned, "planned patrol", near=True), warning="; ".join(warnings),

@@ -93,8 +93,11 @@ def warnings(plan: PatrolPlan, after: Aftermath, synthetic: bool) -> list[str]:
     return lines + too_long(plan, after)
 
 
-def too_long(plan: PatrolPlan, after: Aftermath) -> list[str]:
-    """Return a warning for each team of the stretches that it leaves out, because they are longer than its day."""
+def too_long(plan: PatrolPlan, after: Aftermath, *, most: int = LONGEST) -> list[str]:
+    """Return a warning for each team of the stretches that it leaves out, because they are longer than its day.
+
+    most: stretches that it names.
+    """
     lines = []
     for team in after.spill.teams:
         rows = [row for row in plan.left_out if row.team is team]
@@ -103,13 +106,16 @@ def too_long(plan: PatrolPlan, after: Aftermath) -> list[str]:
         length = [float(after.segments.length[row.segment]) / 1000 for row in rows]
         named = [
             f"{washup_tables.stretch(after.segments, row.segment)} ({km:.1f} km, {row.lying:.2g} objects)"
-            for row, km in zip(rows[:LONGEST], length, strict=False)
+            for row, km in zip(rows[:most], length, strict=False)
         ]
-        more = f"; and {len(rows) - LONGEST} others, see patrols_left_out.csv" if len(rows) > LONGEST else ""
+        if len(rows) > most:
+            named.append(
+                f"and {len(rows) - most} others, see patrols_left_out.csv" if most else "see patrols_left_out.csv"
+            )
         many = f"{len(rows)} stretch{'es' * (len(rows) > 1)}, {sum(length):.1f} km"
         lines.append(
             f"{team.name} leaves out {many}, where {sum(row.lying for row in rows):.2g} objects lie: longer than its "
-            f"{team.length / 1000:g} km a day: {'; '.join(named)}{more}; cut them shorter ([spill.stretches])"
+            f"{team.length / 1000:g} km a day: {'; '.join(named)}; cut them shorter ([spill.stretches])"
         )
     return lines
 

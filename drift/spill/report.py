@@ -21,7 +21,7 @@ FINDS = [
 ]  # fmt: skip
 BEFOREHAND = (
     "Expected there: the probability, by all that was known before, that the next find is on that stretch (at sea: within its "
-    "radius). Or where less likely: that it is on a stretch at most as likely; under 2 % it is odd. "
+    "radius). Or where less likely: that it is on a stretch at most as likely; under 2 % it is odd. None of ours: 0 where the case gives no probability of being `false`. "
 )
 
 
