@@ -7,6 +7,7 @@ import numpy as np
 
 from drift.forecast import likeliest
 from drift.forecast.effective import Count
+from drift.maps import gazetteer
 from drift.planner import subareas
 from drift.planner import text as plan_text
 from drift.planner.records import Plan, Tasking
@@ -246,11 +247,9 @@ def spill(numbers: dict[str, Any]) -> Facts:
 
 def _near(place: dict[str, Any]) -> str:
     """Return the nearest town of a stretch that has no name of its own."""
-    return (
-        f", {place['near_km']:.0f} km from {place['near']}"
-        if place["near"] and place["position"] in place["name"]
-        else ""
-    )
+    if not place["near"] or place["position"] not in place["name"]:
+        return ""
+    return f", {gazetteer.words(place['near'], 1000 * place['near_km'])}"
 
 
 def _number(figure: dict[str, float]) -> str:

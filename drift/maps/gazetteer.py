@@ -12,7 +12,8 @@ from geo.array import Array
 from geo.box import Box
 
 HARBOUR = 5.0  # factor by which a harbour counts for more than a town of its size
-FARTHEST = 100_000.0  # [m] within which a place is named by the nearest town
+FARTHEST = 50_000.0  # [m] within which a place is told by the nearest town
+BESIDE = 10_000.0  # [m] within which it is near that town
 APART = 0.08  # of the box's size: places that are shown are at least so far from each other
 
 
@@ -63,3 +64,10 @@ def nearest(lon: Array, lat: Array) -> list[tuple[str, float]]:
         k = int(np.argmin(distance))
         found.append((names[k] if distance[k] <= FARTHEST else "", float(distance[k])))
     return found
+
+
+def words(name: str, away: float) -> str:
+    """Return where a place is that lies so far [m] from a town: "near X", "34 km from X"; "" without a name."""
+    if not name:
+        return ""
+    return f"near {name}" if away <= BESIDE else f"{away / 1000:.0f} km from {name}"

@@ -367,7 +367,7 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
     names = []
     for i, name in enumerate(map(str, at["name"].values)):
         unnamed = middle[i] in name  # the name of a stretch without one is its place
-        town = f", {towns[i][0]}" if towns[i][0] else ""
+        town = f", {towns[i][0]}" if towns[i][1] <= gazetteer.BESIDE else ""
         near = page.fit(f"stretch {at['segment'].values[i]}{town}", 27)
         names.append(near if name == middle[i] else page.fit(name, 44 if unnamed else 27))
         middle[i] = "" if unnamed and name != middle[i] else middle[i]
@@ -423,7 +423,7 @@ def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
         figure,
         rows,
         loc="center left",
-        bbox_to_anchor=(0.024, 0.042),
+        bbox_to_anchor=(0.024, 0.0465),
         ncols=len(rows),
         fontsize=8,
         borderaxespad=0,
@@ -431,7 +431,7 @@ def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
     )
     figure.text(
         0.7,
-        0.044,
+        0.047,
         "Times: of the simulated spills in which any arrives there. MC\n"
         "error: Monte Carlo error of the expected number, no range.\n"
         f"Not drawn: what any object reaches with under {100 * LEAST:g} %, but of few.",

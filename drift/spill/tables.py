@@ -80,8 +80,9 @@ def stretch(segments: Segments, number: int) -> str:
     """Return what a stretch of the coast is called, with the nearest town where its name is only its place."""
     lon, lat, name = float(segments.lon[number]), float(segments.lat[number]), segments.name[number]
     place = notation.position(lon, lat) or ""
-    ((town, _),) = gazetteer.nearest(np.array([lon]), np.array([lat]))
-    return called(number, name, place) + (f", near {town}" if town and place and place in name else "")
+    (found,) = gazetteer.nearest(np.array([lon]), np.array([lat]))
+    town = gazetteer.words(*found) if place and place in name else ""
+    return called(number, name, place) + (f", {town}" if town else "")
 
 
 def times(data: xr.Dataset, run: str) -> str:

@@ -117,7 +117,7 @@ def test_a_range_is_told_before_the_mean_and_its_own_error(told) -> None:
 
 
 def test_stretches_are_named_by_towns_and_ranked_by_the_kilometre(told) -> None:
-    """Off the Gulf of Guinea nothing is near but what lies within 100 km: by the great circle, the list's nearest."""
+    """Off the Gulf of Guinea nothing is near but what lies within 50 km: by the great circle, the list's nearest."""
     from drift.maps import gazetteer
     from geo import sphere
 
@@ -140,6 +140,9 @@ def test_stretches_are_named_by_towns_and_ranked_by_the_kilometre(told) -> None:
         k = int(np.argmin(distance))
         assert away == pytest.approx(distance[k], abs=1.0)
         assert name == (names[k] if distance[k] <= gazetteer.FARTHEST else "")
+    assert gazetteer.words("Viana", 9_400) == "near Viana"
+    assert gazetteer.words("Viana", 34_400) == "34 km from Viana"
+    assert gazetteer.words("", 9_400) == ""
 
 
 def test_finds_and_washup_go_along_to_other_programs(told, tmp_path: Path) -> None:
