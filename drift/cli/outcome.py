@@ -246,11 +246,7 @@ def spill(numbers: dict[str, Any]) -> Facts:
 
 def _near(place: dict[str, Any]) -> str:
     """Return the nearest town of a stretch that has no name of its own."""
-    return (
-        f", {place['near_km']:.0f} km from {place['near']}"
-        if place["near"] and place["position"] in place["name"]
-        else ""
-    )
+    return f", {place['near_km']:.0f} km from {place['near']}" if place["position"] in place["name"] else ""
 
 
 def _number(figure: dict[str, float]) -> str:

@@ -367,7 +367,7 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
     names = []
     for i, name in enumerate(map(str, at["name"].values)):
         unnamed = middle[i] in name  # the name of a stretch without one is its place
-        town = f", {towns[i][0]}" if towns[i][0] else ""
+        town = f", {towns[i][0]}" if towns[i][1] <= gazetteer.NEAR else ""
         near = page.fit(f"stretch {at['segment'].values[i]}{town}", 27)
         names.append(near if name == middle[i] else page.fit(name, 44 if unnamed else 27))
         middle[i] = "" if unnamed and name != middle[i] else middle[i]

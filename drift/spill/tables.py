@@ -48,7 +48,7 @@ def records(data: xr.Dataset) -> Columns:
         "lat": np.round(lat, geojson.DIGITS),
         "position": [notation.position(x, y) or "" for x, y in zip(lon, lat, strict=True)],
         "near": [name for name, _ in towns],
-        "near_km": _significant(np.array([away / 1000 if name else np.nan for name, away in towns])),
+        "near_km": _significant(np.array([away / 1000 for _, away in towns])),
         "length_km": _significant(length),
         "rank_per_km": np.argsort(np.argsort(-dense, kind="stable"), kind="stable") + 1,
         "expected_per_km": _significant(dense),
@@ -80,8 +80,10 @@ def stretch(segments: Segments, number: int) -> str:
     """Return what a stretch of the coast is called, with the nearest town where its name is only its place."""
     lon, lat, name = float(segments.lon[number]), float(segments.lat[number]), segments.name[number]
     place = notation.position(lon, lat) or ""
-    ((town, _),) = gazetteer.nearest(np.array([lon]), np.array([lat]))
-    return called(number, name, place) + (f", near {town}" if town and place and place in name else "")
+    ((town, away),) = gazetteer.nearest(np.array([lon]), np.array([lat]))
+    return called(number, name, place) + (
+        f", near {town}" if away <= gazetteer.NEAR and place and place in name else ""
+    )
 
 
 def times(data: xr.Dataset, run: str) -> str:
