@@ -76,7 +76,8 @@ WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapt
     },
     "docs/searches.md": {*planner_chapter.FILES, *planner_chapter.PICTURES},
     "docs/spill.md": {
-        *spill_chapter.FILES, *spill_chapter.PICTURES, *patrols_chapter.FILES, *patrols_chapter.PICTURES,
+        *spill_chapter.FILES, *spill_chapter.FIND_FILES, *spill_chapter.PICTURES,
+        *patrols_chapter.FILES, *patrols_chapter.LEFT_OUT_FILES, *patrols_chapter.PICTURES,
         *backtrack_chapter.FILES, *backtrack_chapter.PICTURES,
     },
     "docs/compare.md": {*contrast_chapter.FILES, *contrast_chapter.PICTURES},

@@ -247,7 +247,7 @@ def spill(numbers: dict[str, Any]) -> Facts:
 
 def _near(place: dict[str, Any]) -> str:
     """Return the nearest town of a stretch that has no name of its own."""
-    if not place["near"] or place["position"] not in place["name"]:
+    if place["position"] not in place["name"]:
         return ""
     return f", {gazetteer.words(place['near'], 1000 * place['near_km'])}"
 

@@ -12,8 +12,7 @@ from geo.array import Array
 from geo.box import Box
 
 HARBOUR = 5.0  # factor by which a harbour counts for more than a town of its size
-FARTHEST = 50_000.0  # [m] within which a place is told by the nearest town
-BESIDE = 10_000.0  # [m] within which it is near that town
+BESIDE = 10_000.0  # [m] within which a place is near a town
 APART = 0.08  # of the box's size: places that are shown are at least so far from each other
 
 
@@ -53,21 +52,16 @@ def around(box: Box, most: int = 12) -> list[Place]:
 
 
 def nearest(lon: Array, lat: Array) -> list[tuple[str, float]]:
-    """Return the name of the town or harbour nearest to each place [deg], and how far it is [m].
-
-    The name is "" where none is within FARTHEST.
-    """
+    """Return the name of the town or harbour nearest to each place [deg], and how far it is [m]."""
     names, lons, lats, _, _ = _all()
     found = []
     for x, y in zip(np.radians(lon), np.radians(lat), strict=True):
         distance = sphere.distance(x, y, np.radians(lons), np.radians(lats))
         k = int(np.argmin(distance))
-        found.append((names[k] if distance[k] <= FARTHEST else "", float(distance[k])))
+        found.append((names[k], float(distance[k])))
     return found
 
 
 def words(name: str, away: float) -> str:
-    """Return where a place is that lies so far [m] from a town: "near X", "34 km from X"; "" without a name."""
-    if not name:
-        return ""
+    """Return where a place is that lies so far [m] from a town: "near X", "34 km from X"."""
     return f"near {name}" if away <= BESIDE else f"{away / 1000:.0f} km from {name}"

@@ -48,7 +48,7 @@ def records(data: xr.Dataset) -> Columns:
         "lat": np.round(lat, geojson.DIGITS),
         "position": [notation.position(x, y) or "" for x, y in zip(lon, lat, strict=True)],
         "near": [name for name, _ in towns],
-        "near_km": _significant(np.array([away / 1000 if name else np.nan for name, away in towns])),
+        "near_km": _significant(np.array([away / 1000 for _, away in towns])),
         "length_km": _significant(length),
         "rank_per_km": np.argsort(np.argsort(-dense, kind="stable"), kind="stable") + 1,
         "expected_per_km": _significant(dense),
