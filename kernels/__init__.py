@@ -39,3 +39,5 @@ import os
 # Taichi prints a banner and asks a server for its newest version when imported; a rescue tool does neither.
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
+# Where standard output is not a terminal's own, as in a notebook, it says so and takes in what kernels print: none does.
+os.environ.setdefault("TI_ENABLE_PYBUF", "0")

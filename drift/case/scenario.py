@@ -172,7 +172,7 @@ class ScenarioTable(fields.Table):
     ] = None
     """What drifts: a leeway class (`drift objects`), or a table of its own."""
     motion: Annotated[str, BeforeValidator(_motion)] = "drift"
-    """The model of motion; `drift` is all there is."""
+    """The model of motion of what is adrift; `drift` is all there is. What is under way has phases."""
     jibe: fields.Rate | None = None
     """How often its drift changes sides, a bare number per hour; 0.04 of classes that do."""
     currents: list[str] | None = None

@@ -241,13 +241,23 @@ def ordered_span(
     overrides: Mapping[str, str] | None = None,
 ) -> tuple[Box, np.datetime64, np.datetime64]:
     """Return the box and the span that are asked for: the case's, where they are not said."""
+    said = box is not None and all(map(_absolute, (begin, end)))
     if case is None and (box is None or begin is None or end is None):
         raise UserError("name a case, or say all of --box, --from and --to")
-    where, first, last = reach(case, overrides) if case is not None else (None, None, None)
+    # A case of which nothing is needed may be half written: it gives the folder its name.
+    where, first, last = reach(case, overrides) if case is not None and not said else (None, None, None)
     if box is not None:
         where = box_of(box if isinstance(box, str) else ",".join(str(edge) for edge in box))
     assert where is not None
     return where, _moment(begin, first, "--from"), _moment(end, last, "--to")
+
+
+def _absolute(given: np.datetime64 | str | None) -> bool:
+    """Whether a time is one by itself, and not counted from a case's start."""
+    try:
+        return given is not None and not (isinstance(given, str) and isinstance(units.time(given), np.timedelta64))
+    except ValueError:
+        return True
 
 
 def _moment(given: np.datetime64 | str | None, own: np.datetime64 | None, name: str) -> np.datetime64:

@@ -28,7 +28,10 @@ SYSTEM = (
     *(f"/etc/{name}" for name in ("resolv.conf", "hosts", "host.conf", "nsswitch.conf", "gai.conf", "services")),
 )  # fmt: skip
 CACHES = ("casp-drift", "matplotlib", "taichi")
-VARIABLES = ("DRIFT_CACHE", "MPLCONFIGDIR", "SSL_CERT_FILE", "SSL_CERT_DIR", "LD_LIBRARY_PATH")  # that name files
+VARIABLES = (  # that name files
+    "DRIFT_CACHE", "MPLCONFIGDIR", "TI_OFFLINE_CACHE_FILE_PATH", "ECCODES_DEFINITION_PATH", "PROJ_DATA", "PROJ_LIB", "GDAL_DATA",
+    "SSL_CERT_FILE", "SSL_CERT_DIR", "LD_LIBRARY_PATH",
+)  # fmt: skip
 
 
 def version() -> int:

@@ -6,6 +6,7 @@ Names and passwords come from ~/.netrc alone, go only to the machine that stands
 import functools
 import http.client
 import netrc
+import socket
 import time
 import urllib.error
 import urllib.request
@@ -17,6 +18,7 @@ from urllib.parse import urlsplit
 from geo.errors import UserError
 from geo.files import fence
 
+NO_NAME = {socket.EAI_NONAME, getattr(socket, "EAI_NODATA", socket.EAI_NONAME)}  # EAI_AGAIN may pass
 BLOCK = 2**16  # [bytes] read at once
 SAFE = ("127.0.0.1", "localhost", "::1")  # machines to which a password may go unencrypted
 
@@ -66,6 +68,9 @@ def _answer(address: str, timeout: float) -> Iterator[Any]:
     except urllib.error.URLError as error:
         if isinstance(error.reason, TimeoutError):
             raise Passing(f'"{address}" did not answer for {timeout:g} s') from None
+        if isinstance(error.reason, socket.gaierror) and error.reason.errno in NO_NAME:
+            host = urlsplit(request.full_url).hostname
+            raise UserError(f'"{address}": no machine is called {host}, or this one is not connected') from None
         raise Passing(f'"{address}" cannot be reached ({error.reason})') from None
     except http.client.IncompleteRead as error:
         raise Passing(f'"{address}" sent half: {len(error.partial):,} bytes, then no more') from None

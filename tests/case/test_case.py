@@ -312,7 +312,7 @@ REFUSED: list[tuple[dict[str, str], str]] = [
     ({"current.0.table": "[]"}, r"found constant and table; leave one out \(--set gives a whole source so: current.0='\{ constant"),
     ({"wind.0": "{ table = [{ time = '+0 h', speed = 5, from = 3 }] }"}, "at least two rows"),
     ({"wind.0": "{ table = [{ time = '+1 h', east = 5, north = 3 }, { time = '+1 h', east = 1, north = 3 }] }"}, "come after"),
-    ({"scenario.5.weight": "1"}, r': scenario.5.weight: "5" is not a number from 0 to 0'),
+    ({"scenario.5.weight": "1"}, r'^scenario.5.weight: "5" is not a number from 0 to 0'),
     ({"title.x": "1"}, "nothing called"),
 ]  # fmt: skip
 

@@ -24,7 +24,7 @@ from places import ROOT
 
 import drift
 from drift.cli import commands as cli
-from drift.providers import opendap, parts
+from drift.providers import fetching, opendap, parts
 from drift.providers.catalogue import Provider
 from drift.providers.fetching import Fetched
 from drift.providers.order import Order
@@ -404,6 +404,38 @@ def test_nobody_there(tmp_path: Path) -> None:
         port = door.getsockname()[1]
     with pytest.raises(UserError, match=r"cannot be reached \(.*refused\); given up after 5 attempts"):
         fetched(tmp_path, f"http://127.0.0.1:{port}/sea", AXES["plain"][2])
+
+
+@pytest.mark.parametrize(
+    ("trouble", "times", "said"),
+    [(socket.EAI_NONAME, 1, "no machine is called sea.invalid"), (socket.EAI_AGAIN, 5, "given up")],
+)
+def test_a_name_that_nobody_has_is_asked_for_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trouble: int, times: int, said: str
+) -> None:
+    """A name server that does not answer may answer later; one that says that there is no such name will say it again."""
+    asked = []
+
+    def look_up(*what: object, **_: object) -> object:
+        asked.append(what)
+        raise socket.gaierror(trouble, "made up")
+
+    monkeypatch.setattr(socket, "getaddrinfo", look_up)
+    with pytest.raises(UserError, match=said):
+        fetched(tmp_path, "http://sea.invalid/sea", AXES["plain"][2])
+    assert len(asked) == times
+
+
+def test_a_case_is_not_read_where_box_and_times_are_said(tmp_path: Path) -> None:
+    """One without a scenario yet, say; a time that counts from its start needs it."""
+    case = tmp_path / "half.toml"
+    case.write_text('start = "2026-11-21T00:00Z"\n[[scenario]]\n', encoding="utf-8")
+    span = "2026-11-21T00:00Z", "2026-11-22T00:00Z"
+    box, begin, end = fetching.ordered_span(case, "4,59,7,61", *span)
+    assert (box.west, box.north, f"{begin}Z", f"{end}Z") == (4, 61, "2026-11-21T00:00:00Z", "2026-11-22T00:00:00Z")
+    for given in ((None, *span), ("4,59,7,61", None, span[1]), ("4,59,7,61", span[0], "+6 h")):
+        with pytest.raises(UserError, match=r"half.toml: scenario 1.name: is missing"):
+            fetching.ordered_span(case, *given)
 
 
 def test_netrc_is_used_and_told_to_nobody(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
