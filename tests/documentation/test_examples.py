@@ -7,7 +7,7 @@ import ast
 import re
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_origin
 
 import pytest
 from generate import examples, keys
@@ -92,7 +92,10 @@ def understood(parsed: dict[str, Any], model: type[BaseModel]) -> bool:
 
 def taken(field: Any, value: Any) -> bool:
     given = value if isinstance(value, list) else [value]
-    if (models := keys.inner(field.annotation)) and all(isinstance(one, dict) for one in given):
+    models = keys.inner(field.annotation)
+    if models and get_origin(field.annotation) is dict:  # tables by name
+        given = list(value.values())
+    if models and all(isinstance(one, dict) for one in given):
         return all(any(understood(one, model) for model in models) for one in given)
     kind: Any = field.annotation
     for one in field.metadata:
