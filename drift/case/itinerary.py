@@ -433,6 +433,38 @@ class VoyageTable(fields.Table):
         return _by_speed(places, np.append(0.0, length), self.departure, self.speed, start)
 
 
+def shared(data: Any) -> Any:
+    """Return the tables of a case as read with each voyage that is named, alone or by `like`, replaced by a whole one.
+
+    What is not as it should be stays as it is, and is refused where it stands. Raises ValueError for a name that there is none of.
+    """
+    voyages, stories = (data.get(key) for key in ("voyage", "scenario")) if isinstance(data, dict) else (None, None)
+    if not isinstance(stories, list):
+        return data
+    known = voyages if isinstance(voyages, dict) else {}
+
+    def whole(story: Any, number: int, phase: Any) -> Any:
+        own = phase.get("voyage") if isinstance(phase, dict) else None
+        name = own if isinstance(own, str) else own.get("like") if isinstance(own, dict) else None
+        if name is None:
+            return phase
+        if not isinstance(name, str) or not isinstance(known.get(name), dict):
+            there = ", ".join(f"[voyage.{key}]" for key in known) or "none; write it as [voyage.NAME]"
+            raise ValueError(
+                f'scenario "{story.get("name")}".phase {number}.voyage: no voyage {name!r}; there are: {there}'
+            )
+        rest = {key: value for key, value in own.items() if key != "like"} if isinstance(own, dict) else {}
+        return {**phase, "voyage": {**known[name], **rest}}
+
+    def told(story: Any) -> Any:
+        phases = story.get("phase") if isinstance(story, dict) else None
+        if not isinstance(phases, list):
+            return story
+        return {**story, "phase": [whole(story, number, phase) for number, phase in enumerate(phases, 1)]}
+
+    return {**data, "scenario": [told(story) for story in stories]}
+
+
 class LanesTable(fields.Table):
     """A route along the lanes of a network."""
 

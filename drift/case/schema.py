@@ -15,6 +15,7 @@ from drift.case.barrier import BarrierTable, LineTable
 from drift.case.contact import ContactTable
 from drift.case.expect import Expect
 from drift.case.grid import GridTable
+from drift.case.itinerary import VoyageTable, shared
 from drift.case.look import LookTable
 from drift.case.plan import PlanTable, ResamplingTable, UnitTable
 from drift.case.presence import PresenceTable
@@ -198,6 +199,9 @@ class CaseTable(fields.Table):
     """Sources of the Stokes drift."""
     uncertainty: Uncertainty = UncertaintyTable()
     """How wrong winds and currents may be; `"none"` switches all of it off."""
+    voyage: dict[str, VoyageTable] = Field(default_factory=dict)
+    """Voyages by name, `[voyage.passage]`, that several stories share: a phase says `voyage = "passage"`, or `voyage = { like = "passage",
+    speed = "3 kn" }` where some of its keys are its own."""
     scenario: list[ScenarioTable] = Field(default_factory=list)
     """Stories of one object, each with its weight; give these or a `[spill]`."""
     spill: SpillTable | None = None
@@ -228,6 +232,12 @@ class CaseTable(fields.Table):
     """How particles are drawn anew after searches."""
     expect: Expect = Expect()
     """Ranges that the tests hold the end of a shipped case against; a run takes no notice."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def with_shared_voyages(cls, data: Any) -> Any:
+        """Put the voyages that stories share where they are named."""
+        return shared(data)
 
     @field_validator("seed")
     @classmethod

@@ -131,7 +131,7 @@ def _voyage(phase: object) -> Network | None:
     places = [point.place for point in phase.points]
     across = [place.half for place in places if isinstance(place, Abeam)]
     begin = places[0]
-    if len(across) < len(places) - isinstance(begin, Near):
+    if not across or len(across) < len(places) - isinstance(begin, Near):
         return None
     legs = np.arange(len(places) - 1)
     # Half the line across a corner is longer than the error by the mitre, which the network puts on again.

@@ -345,3 +345,57 @@ def test_lanes_bring_their_network_along(tmp_path: Path) -> None:
     assert isinstance(phase, Ways)
     assert phase.lanes is not None
     assert phase.lanes.network.start.size == len(phase.lanes.route.node) - 1
+
+
+SHARED = """
+[voyage.passage]
+waypoints = [[-30.2, 45.1], [-31.4, 46.3]]
+departure = ["+1 h", "+2 h"]
+speed = ["4 kn", "6 kn"]
+cross_track = "2 nmi"
+[[scenario]]
+name = "adrift"
+object = "water"
+distress = { rate = "0.1 /h" }
+[[scenario.phase]]
+voyage = "passage"
+[[scenario]]
+name = "late"
+[[scenario.phase]]
+voyage = { like = "passage", speed = "3 kn" }
+"""
+
+
+def test_stories_share_a_voyage(tmp_path: Path) -> None:
+    """Each is as if it had been written out."""
+    out = """waypoints = [[-30.2, 45.1], [-31.4, 46.3]], departure = ["+1 h", "+2 h"], cross_track = "2 nmi" }"""
+    written = SHARED.replace('"passage"\n', f'{{ speed = ["4 kn", "6 kn"], {out}\n')
+    written = written.replace('{ like = "passage", speed = "3 kn" }', f'{{ speed = "3 kn", {out}')
+    path = tmp_path / "trial.toml"
+    found = []
+    for text in (SHARED, written[written.index("[[scenario]]") :]):
+        path.write_text(HEAD + OPEN + STILL + text)
+        found.append([scenario.itinerary for scenario in case_file.load(path).scenarios])
+    assert found[0] == found[1]
+    assert found[0][0].phases[0].speed != found[0][1].phases[0].speed
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        (
+            '"passage"\n',
+            '"pasage"\n',
+            "scenario \"adrift\".phase 1.voyage: no voyage 'pasage'; there are: [voyage.passage]",
+        ),
+        ('{ like = "passage"', "{ like = 3", 'scenario "late".phase 1.voyage: no voyage 3'),
+        (
+            'speed = "3 kn" }',
+            'sped = "3 kn" }',
+            'scenario "late".phase 1.voyage: unknown key "sped"; did you mean "speed"?',
+        ),
+        ("[voyage.passage]", "[voyage.other]", "no voyage 'passage'; there are: [voyage.other]"),
+    ],
+)
+def test_a_shared_voyage_that_is_wrong(tmp_path: Path, old: str, new: str, told: str) -> None:
+    assert told in refused(tmp_path, HEAD + OPEN + STILL + SHARED.replace(old, new))

@@ -7,7 +7,7 @@ import ast
 import re
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_origin
 
 import pytest
 from generate import examples, keys
@@ -15,7 +15,7 @@ from places import ROOT
 from pydantic import BaseModel, ConfigDict, create_model
 
 import drift
-from drift.case import bridge, network, schema
+from drift.case import bridge, itinerary, network, schema
 from drift.cli import grammar
 from drift.providers import catalogue
 from geo.errors import UserError
@@ -71,7 +71,7 @@ def tables(page: Path) -> list[examples.Block]:
 def test_tables_are_understood(page: Path) -> None:
     """Each key of a block is one of a case, of a network or of a bridge, and what it holds is taken there."""
     for block in tables(page):
-        parsed: dict[str, Any] = tomllib.loads(block.text)
+        parsed: dict[str, Any] = itinerary.shared(tomllib.loads(block.text))
         known = any(understood(parsed, model) for model in FILES) or is_catalogue(block.text)
         assert known, f"{name(page)}, line {block.line}"
 
@@ -92,7 +92,10 @@ def understood(parsed: dict[str, Any], model: type[BaseModel]) -> bool:
 
 def taken(field: Any, value: Any) -> bool:
     given = value if isinstance(value, list) else [value]
-    if (models := keys.inner(field.annotation)) and all(isinstance(one, dict) for one in given):
+    models = keys.inner(field.annotation)
+    if models and get_origin(field.annotation) is dict:  # tables by name
+        given = list(value.values())
+    if models and all(isinstance(one, dict) for one in given):
         return all(any(understood(one, model) for model in models) for one in given)
     kind: Any = field.annotation
     for one in field.metadata:
