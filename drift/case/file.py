@@ -172,7 +172,8 @@ def _sources_without(data: dict[str, Any], path: Path) -> list[str]:
 
 def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
     path = Path(name)
-    if path.suffix != ".toml" and path.name == str(name) and (os.path.isdir(path) or not os.path.lexists(path)):
+    plain = path.name == str(name) and path.suffix != ".toml"  # as shipped cases are called
+    if plain and name and (os.path.isdir(path) or not os.path.lexists(path)):
         path = Path(str(resources.files("cases").joinpath(f"{name}.toml")))
     try:
         return path, small.contents(path, LARGEST).decode("utf-8-sig")  # editors of Windows put a byte order mark first
