@@ -247,9 +247,8 @@ def spill(numbers: dict[str, Any]) -> Facts:
 
 def _near(place: dict[str, Any]) -> str:
     """Return the nearest town of a stretch that has no name of its own."""
-    if place["position"] not in place["name"]:
-        return ""
-    return f", {gazetteer.words(place['near'], 1000 * place['near_km'])}"
+    town = gazetteer.words(place["near"], 1000 * place["near_km"]) if place["position"] in place["name"] else ""
+    return town and f", {town}"
 
 
 def _number(figure: dict[str, float]) -> str:

@@ -29,7 +29,9 @@ def enclose() -> None:
     if (raised := fence.raised()) is not None:
         specs = filter(None, map(importlib.util.find_spec, PACKAGES))
         program = [Path(place) for spec in specs for place in spec.submodule_search_locations or ()]
-        landlock.enclose([*raised.folders, Path.cwd(), *program])
+        # Where it is installed as it stands, what says its version lies beside the packages.
+        about = [path for place in program for path in place.parent.glob("casp_drift*-info")]
+        landlock.enclose([*raised.folders, Path.cwd()], [*program, *about])
 
 
 def _watch() -> None:

@@ -13,6 +13,7 @@ from geo.box import Box
 
 HARBOUR = 5.0  # factor by which a harbour counts for more than a town of its size
 BESIDE = 10_000.0  # [m] within which a place is near a town
+FARTHEST = 100_000.0  # [m] within which it is told by how far it is from one
 APART = 0.08  # of the box's size: places that are shown are at least so far from each other
 
 
@@ -63,5 +64,7 @@ def nearest(lon: Array, lat: Array) -> list[tuple[str, float]]:
 
 
 def words(name: str, away: float) -> str:
-    """Return where a place is that lies so far [m] from a town: "near X", "34 km from X"."""
+    """Return where a place is that lies so far [m] from a town: "near X", "34 km from X"; far away ""."""
+    if away > FARTHEST:
+        return ""
     return f"near {name}" if away <= BESIDE else f"{away / 1000:.0f} km from {name}"

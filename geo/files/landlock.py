@@ -45,8 +45,8 @@ def version() -> int:
     return found if found >= LEAST else 0
 
 
-def enclose(folders: Iterable[Path]) -> bool:
-    """Let this thread, and what it starts from now on, read no files but those in folders and what Python needs.
+def enclose(folders: Iterable[Path], program: Iterable[Path] = ()) -> bool:
+    """Let this thread, and what it starts from now on, read no files but those in folders, of a program and what Python needs.
 
     Call it before other threads are started. Files that are open already stay so. Returns whether the kernel holds it,
     False where it has no Landlock; raises OSError where it has, and refuses.
@@ -57,7 +57,7 @@ def enclose(folders: Iterable[Path]) -> bool:
     rules = _call(CREATE_RULESET, struct.pack("=Q", READ_FILE | REFER), 8, 0)
     try:
         _allow(rules, Path("/"), REFER)
-        for path in (*folders, *_own(folders)):
+        for path in (*folders, *program, *_own(folders)):
             _allow(rules, path, READ_FILE)
         if ctypes.CDLL(None).prctl(NO_NEW_PRIVILEGES, *map(ctypes.c_ulong, (1, 0, 0, 0))):
             raise OSError("no process may restrict itself here")

@@ -413,7 +413,7 @@ def test_no_current_is_taken_from_a_file_that_a_file_names(served: Server) -> No
 def test_a_run_tells_progress_and_ends_in_a_report(served: Server) -> None:
     number = ask_for(served, "run", "good.toml", small_case.STEADY.replace('"trial"', f'"{NASTY}"'))
     job = over(served, number)
-    assert (job["state"], job["out"]) == ("done", "good-forecast"), job["lines"]
+    assert (job["state"], job["out"]) == ("done", "good-forecast"), "\n".join(job["lines"])
     assert job["phase"]  # it did tell
     status, _, data = served.ask("GET", f"/runs/good-forecast/{job['key']}/report.html", Cookie=None)
     assert (status, b"Content-Security-Policy" in data) == (200, True)

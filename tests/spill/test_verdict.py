@@ -143,6 +143,7 @@ def test_stretches_are_named_by_towns_and_ranked_by_the_kilometre(told) -> None:
         assert name == names[k]
     assert gazetteer.words("Viana", 9_400) == "near Viana"
     assert gazetteer.words("Viana", 34_400) == "34 km from Viana"
+    assert gazetteer.words("Utrik", 2_068_000) == ""
 
 
 def test_finds_and_washup_go_along_to_other_programs(told, tmp_path: Path) -> None:
