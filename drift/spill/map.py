@@ -376,10 +376,10 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
         (-0.025, "right", "Middle", middle),
         (0.0, "left", "When, day and time UTC", []),
         (
-            1.12,
+            1.125,
             "right",
-            "10 - 50 - 90 %",
-            [" - ".join(f"{v:,.0f}" for v in row) for row in at["number"].values[:, -1].T],
+            "10-50-90 %",
+            ["-".join(f"{v:,.0f}" for v in row) for row in at["number"].values[:, -1].T],
         ),
         (1.25, "right", "Expected", [labels.number(v) for v in at["expected"].values[-1]]),
         (
@@ -388,7 +388,7 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
             "± MC error",
             [f"{v:.2g}" if np.isfinite(v) else "" for v in at["expected_se"].values[-1]],
         ),
-        (1.525, "right", "At least one", [labels.percent(v) for v in at["probability"].values[-1]]),
+        (1.54, "right", "At least one", [labels.percent(v) for v in at["probability"].values[-1]]),
         (
             1.735,
             "right",

@@ -166,7 +166,7 @@ def test_all_afloat_again(tmp_path, monkeypatch):
         made[name][..., -1, :] = 0
     washup_map.draw(made, where, tmp_path / "washup.png", Setting(Imprint("T")))
     assert said.count("(3)") == 3
-    assert "0 - 0 - 0" in said
+    assert "0-0-0" in said
 
 
 def test_numbers_of_stretches_are_those_of_the_table(tmp_path, monkeypatch):
