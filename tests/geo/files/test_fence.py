@@ -167,6 +167,27 @@ def test_a_shapefile_s_files_are_inside(fenced: Path) -> None:
         shore.land(str(fenced / "a.shp"), BOX)
 
 
+def test_a_shapefile_is_not_looked_for_in_an_archive(fenced: Path) -> None:
+    """The reader of shapefiles takes x.zip!a.shp for a.shp in x.zip, wherever a link leads from there."""
+    shapes = np.array([shapely.to_wkb(shapely.from_geojson(SQUARE))])
+    pyogrio.raw.write(fenced / "a.shp", shapes, [], [], geometry_type="Polygon", crs="EPSG:4326")
+    with zipfile.ZipFile(fenced.parent / "secret" / "x.zip", "w") as archive:
+        for part in fenced.glob("a.*"):
+            archive.write(part, part.name)
+    (fenced / "x.zip").symlink_to(fenced.parent / "secret" / "x.zip")
+    shutil.copy(fenced / "a.shp", fenced / "x.zip!a.shp")
+    with pytest.raises(UserError, match='has no "!"'):
+        shore.land(str(fenced / "x.zip!a.shp"), BOX)
+
+
+@pytest.mark.parametrize("name", ["+init=/etc/passwd:root", "+proj=utm +nadgrids=/etc/passwd"])
+def test_a_reference_system_inside_a_shoreline(fenced: Path, name: str) -> None:
+    named = '{"crs": {"type": "name", "properties": {"name": "' + name + '"}}, ' + SQUARE[1:]
+    (fenced / "coast.json").write_text(named, encoding="utf-8")
+    with pytest.raises(UserError, match=OUT):
+        shore.land(str(fenced / "coast.json"), BOX)
+
+
 def test_a_store_whose_folders_are_links(fenced: Path) -> None:
     """A link to a folder of links: what these lead to would be read."""
     store, inner = fenced / "y.zarr", fenced / "inner"
