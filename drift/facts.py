@@ -13,12 +13,12 @@ from drift.environment.environment_spec import Coast
 from drift.forecast import likeliest
 from drift.forecast.likeliest import Shown
 from drift.forecast.starts import others, starts
+from drift.forecast.survey import Survey
 from drift.maps.imprint import Imprint, Setting
 from drift.motion import forcing_error
 from drift.motion.scenario import Scenario
 from drift.output import formats
 from drift.output.chapter import Chapter
-from drift.particles.ensemble import Account
 from drift.particles.status import Status
 from drift.report import leaves
 from drift.report.leaves import Leaf
@@ -201,12 +201,13 @@ def input_file(path: str) -> dict[str, Any]:
 def numbers(
     case: Case,
     where: Environment,
-    account: Account,
+    end: Survey,
     start: Start,
     seconds: dict[str, float],
 ) -> dict[str, Any]:
-    """Return the numbers of a run that are not in its forecast."""
-    by_status = account.by_status.sum(axis=0)
+    """Return the numbers of a run that are not in its forecast; end: its particles at its end."""
+    # Sums of as many weights are 1 to rounding; readers are spared that.
+    by_status, by_scenario = end.status / end.status.sum(), end.scenario / end.scenario.sum()
     return {
         "run": {
             "start": str(case.start),
@@ -223,11 +224,11 @@ def numbers(
             "told": errors(case),
             **forcing_error.numbers(case.current_error, case.wind_error, case.diffusivity, case.diffusivity_by),
         },
-        "effective_sample_size": account.ess,
+        "effective_sample_size": end.effective,
         "account": {status.name.lower(): float(by_status[status]) for status in Status},
         "scenario_weights": {
             s.name: {"prior": s.weight, "posterior": float(w), "prior_on_land": dry}
-            for s, w, dry in zip(case.scenarios, account.by_status.sum(axis=1), start.dry, strict=True)
+            for s, w, dry in zip(case.scenarios, by_scenario, start.dry, strict=True)
         },
         "forcing": [
             {

@@ -19,7 +19,7 @@ from drift.environment.ambient import Flow
 from drift.environment.environment import Environment
 from drift.forecast import build as forecast_build
 from drift.forecast import chapter as forecast_chapter
-from drift.forecast import dataset, effective, mapped, off_grid
+from drift.forecast import dataset, effective, mapped, off_grid, survey
 from drift.forecast.tracks import Trajectories
 from drift.job import Job, Options, Report, in_turn, opened
 from drift.maps.imprint import Setting
@@ -51,7 +51,6 @@ from drift.suspend import chapter as suspend_chapter
 from drift.suspend import decision
 from drift.suspend.further import Planned
 from geo.errors import UserError
-from kernels import deposit
 
 REPORT = "report.html"
 
@@ -123,16 +122,16 @@ def made(job: Job, run: Moved) -> Result:
     """Return what is made of a run that has been moved, whose particles can still be read."""
     case, where, begin, snapshots = job.case, job.where, run.begin, run.done.snapshots
     after, updates, posteriors = run.after, run.updates, run.posteriors
-    account = record.account(run.done.ensemble, snapshots[-1].status, snapshots[-1].family)
+    names = [scenario.name for scenario in case.scenarios]
     job.tell("map", 0.0)
     with job.clock.phase("products"):
-        names = [scenario.name for scenario in case.scenarios]
+        end = survey.of(snapshots.outputs[-1], len(names))
         is_land = scene.land_of(begin.scene)
         forecast = forecast_build.build(
-            snapshots, scenarios=names, is_land=is_land, deposit=deposit.deposit, shares=case.areas, grid=case.grid
+            snapshots.outputs, scenarios=names, is_land=is_land, shares=case.areas, grid=case.grid
         )
         tracks = _trajectories(case, run.done.ensemble, snapshots)
-    summary = facts.numbers(case, where, account, begin, job.clock.seconds)
+    summary = facts.numbers(case, where, end, begin, job.clock.seconds)
     off_map = off_grid.warnings(forecast.data)
     summary["warnings"] = particles_left.of_run(forecast.data, case.particles, updates) + off_map
     if after is not None:
@@ -320,23 +319,14 @@ def _trajectories(case: Case, ensemble: Ensemble, snapshots: Spool) -> Trajector
 
     The track of what was drawn anew is that of its ancestors before.
     """
-    last = snapshots[-1]
-    count = min(case.trajectories, last.lon.size)
-    slots = np.arange(last.lon.size)
+    slots = np.arange(ensemble.n)
     if case.resampling.below > 0:  # slots that are held to spare have no weight
-        slots = np.flatnonzero(last.probability)
-    slot = slots[np.unique(np.linspace(0, slots.size - 1, count).astype(int))]
-    ancestor, columns = slot, []
-    for k in range(len(snapshots) - 1, -1, -1):
-        snapshot = snapshots[k]
-        columns.append(
-            (snapshot.lon[ancestor], snapshot.lat[ancestor], snapshot.status[ancestor], snapshot.probability[ancestor])
-        )
-        drawn = snapshots.ancestors[k]
-        ancestor = ancestor if drawn is None else drawn[ancestor]
-    lon, lat, status, weight = (np.stack(column[::-1], axis=1) for column in zip(*columns, strict=True))
-    lives, edge = life.read(ensemble), ensemble.edge.to_numpy()
-    over = life.over(last.status)
-    ended, edge = (np.where(over, values, -1)[slot] for values in (lives.since, edge))
+        slots = np.concatenate([part.blocks.places[part.probability > 0] for part in snapshots.outputs[-1].parts()])
+    slot = slots[np.unique(np.linspace(0, slots.size - 1, min(case.trajectories, ensemble.n)).astype(int))]
+    way = snapshots.follow(slot)
+    lives, scenario, edge = life.read(ensemble), record.owners(ensemble.bounds)[slot], ensemble.edge.to_numpy()[slot]
+    over = life.over(way["status"][:, -1])
+    ended, edge = np.where(over, lives.since[slot], -1), np.where(over, edge, -1)
     times = np.array([snapshots.time(k) for k in range(len(snapshots))])
-    return Trajectories(times, slot, last.scenario[slot], lon, lat, status, weight, lives.release[slot], ended, edge)
+    at = way["lon"], way["lat"], way["status"], way["probability"]
+    return Trajectories(times, slot, scenario, *at, lives.release[slot], ended, edge)

@@ -26,7 +26,7 @@ from drift.waters import Waters, divide
 from geo import sphere
 from geo.array import Array
 from geo.errors import UserError
-from kernels import deposit, runtime
+from kernels import runtime
 
 Maps = bool | Literal["last"]
 
@@ -142,9 +142,7 @@ def _forecast(
         is_land = scene.land_of(begin.scene)
         names = [scenario.name for scenario in case.scenarios]
         wanted = seen if maps is True else seen[-1:]
-        rest = forecast_build.begin(
-            wanted, scenarios=names, is_land=is_land, deposit=deposit.deposit, shares=case.areas, grid=case.grid
-        )
+        rest = forecast_build.begin(wanted, scenarios=names, is_land=is_land, shares=case.areas, grid=case.grid)
     brief = Brief(
         case,
         np.array([output.time for output in seen]),
@@ -152,7 +150,7 @@ def _forecast(
         np.stack([output.lat for output in seen]) * (360.0 / sphere.TURN),
         np.stack([output.status for output in seen]).astype(np.uint8),
         np.stack([output.probability for output in seen]),
-        np.array([snapshot.means(output, len(case.scenarios)).all for output in seen]),
+        np.array([snapshot.means(snapshot.vectors(output, len(case.scenarios))).all for output in seen]),
         begin.clock.step,
     )
     return brief, rest

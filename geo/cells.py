@@ -1,9 +1,8 @@
-"""Grids of lon-lat cells whose edges are whole binary angles, and the deposit of particles onto them.
+"""Grids of lon-lat cells whose edges are whole binary angles, and which of them holds a particle.
 
 Cells are integers in both directions, so that a particle falls into the same cell on every machine and a cell divides
 into 2 x 2 finer ones exactly. Longitudes are unwrapped: an edge may lie beyond 180 degrees, so that a grid over the
-antimeridian is contiguous. Weights are deposited in fixed point: the sum is the same in any order and for any number
-of threads.
+antimeridian is contiguous. Weights are summed by cell in fixed point: the same in any order.
 """
 
 from collections.abc import Callable
@@ -65,21 +64,7 @@ class Cells:
         return Cells(self.lon0, self.lat0, self.width >> k, self.height >> k, self.nlon << k, self.nlat << k)
 
 
-Deposit = Callable[[Array, Array, Array, Cells], Array]
 IsLand = Callable[[Array, Array], Array]
-
-
-def deposit(lon: Array, lat: Array, weight: Array, cells: Cells) -> Array:
-    """Return the summed weights of each cell, int64 (nlat, nlon); particles off the grid are not counted.
-
-    lon, lat: int32 binary angles (n,); weight: int64 fixed point (n,), whose sum is at most 2^53.
-    """
-    cell = index(lon, lat, cells)
-    inside = cell >= 0
-    if not inside.all():
-        cell, weight = cell[inside], weight[inside]
-    summed = np.bincount(cell, weights=weight, minlength=cells.nlon * cells.nlat)
-    return np.asarray(summed.astype(np.int64).reshape(cells.shape))
 
 
 def index(lon: Array, lat: Array, cells: Cells) -> Array:

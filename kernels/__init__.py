@@ -26,7 +26,6 @@ settled  what is settled at the birth of a target that steers, and stands in no 
 sweep    what a sensor's track does to each particle: exposure, and the weights that it leaves
 touch    whether a Brownian bridge touches a line, stays in a box or a disc
 observe  what a line or a field tells of a piece of way, straight or a bridge
-deposit  weights to a grid, in fixed point
 allocate what effort that is spread over cells finds
 rectangles  what rectangles searched by parallel sweeps find
 sweeps   what legs that are flown find

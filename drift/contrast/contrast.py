@@ -75,7 +75,7 @@ def compare(
         run_a = flow.moved(job_a, begin_a, stack, logs[0].note)
         run_b = flow.moved(job_b, begin_b, stack, logs[1].note)
         times = pairing.common(case_a, case_b)
-        grid = a.grid or forecast_build.grid_of([*_at(run_a, times), *_at(run_b, times)])
+        grid = a.grid or forecast_build.grid_of([*_at(run_a, times), *_at(run_b, times)], len(case_a.scenarios))
         result_a, result_b = (
             flow.made(replace(job, case=replace(job.case, grid=grid)), run)
             for job, run in ((job_a, run_a), (job_b, run_b))

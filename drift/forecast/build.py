@@ -1,9 +1,9 @@
-"""Snapshots of the particles -> what a planner reads: maps, containment areas, contours, mean tracks.
+"""The particles at some times -> what a planner reads: maps, containment areas, contours, mean tracks.
 
 Everything here is float64 NumPy on fixed-point deposits, in one order: the same snapshots give the same bits on any
 number of threads. A map holds the object adrift or ashore; what is outside the forcing, has left, sunk or is not yet
 released is in the account (`status_probability`, which adds up to 1) but on no map. Longitudes run on over the
-antimeridian, from the grid's western edge eastward.
+antimeridian, from the grid's western edge eastward. The particles are read part by part: drift.particles.snapshot.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,17 +16,16 @@ import shapely
 import xarray as xr
 from scipy import ndimage
 
-from drift.forecast import areas, containment, dataset, density, effective, likeliest
+from drift.forecast import areas, cloud, containment, dataset, density, likeliest, survey
+from drift.forecast.cloud import Cloud
 from drift.forecast.likeliest import Shown
 from drift.forecast.shares import SHARES
-from drift.particles.snapshot import Snapshot, mapped
-from drift.particles.status import Status
-from geo import cells, sphere
+from drift.forecast.survey import Survey
+from drift.particles.snapshot import Output
+from geo import sphere
 from geo.array import Array
-from geo.cells import QUANTUM, Cells, Deposit, IsLand
+from geo.cells import QUANTUM, Cells, IsLand
 from geo.errors import UserError
-
-__all__ = ["Contour", "Forecast", "Snapshot", "build"]
 
 AT_ONCE = 2  # maps that are made at the same time: each holds some 50 MB meanwhile
 ACROSS = 360  # most cells across the forecast's grid
@@ -76,18 +75,6 @@ class Forecast:
 
 
 @dataclass(frozen=True)
-class _Cloud:
-    """The mapped particles of a snapshot: where they are, and how fine they would have the cells."""
-
-    index: Array  # slots
-    west: int  # extent [binary angle], longitudes relative to the common reference
-    east: int
-    south: int
-    north: int
-    spacing: float  # bandwidth [binary angle units]
-
-
-@dataclass(frozen=True)
 class _Laid:
     """What a snapshot leaves in its own cells, and which of these are land (nlat, nlon); None where none is."""
 
@@ -97,70 +84,67 @@ class _Laid:
 
 
 def build(
-    snapshots: Sequence[Snapshot],
+    outputs: Sequence[Output],
     *,
     scenarios: Sequence[str],
     is_land: IsLand | None = None,
-    deposit: Deposit = cells.deposit,
     shares: tuple[float, ...] = SHARES,
     grid: Cells | None = None,
 ) -> Forecast:
-    """Return the products of an ensemble's snapshots.
+    """Return the products of the particles at some times.
 
     scenarios: names, in order of their numbers.
     is_land: int32 binary angles (lon, lat), each (n,) -> bool (n,); particles' own cells always count as reachable.
-    deposit: (lon, lat, weight, cells) -> int64 (nlat, nlon), as `cells.deposit`.
     shares: whose areas are asked for, ascending. grid: of the forecast; by default it follows the particles. Maps are
     made on cells that divide its cells, as far as there is anything: areas and containment count what lies outside it.
     """
-    return begin(snapshots, scenarios=scenarios, is_land=is_land, deposit=deposit, shares=shares, grid=grid)()
+    return begin(outputs, scenarios=scenarios, is_land=is_land, shares=shares, grid=grid)()
 
 
 def begin(
-    snapshots: Sequence[Snapshot],
+    outputs: Sequence[Output],
     *,
     scenarios: Sequence[str],
     is_land: IsLand | None = None,
-    deposit: Deposit = cells.deposit,
     shares: tuple[float, ...] = SHARES,
     grid: Cells | None = None,
 ) -> Callable[[], Forecast]:
     """Return a function that does the rest of `build`, in any thread.
 
-    `is_land` and `deposit`, which may need the device, are called before it is returned.
+    The particles are read, and `is_land`, which may need the device, is called before it is returned.
     """
-    centre, shown = _reference(snapshots), _shown(snapshots, len(scenarios))
-    clouds = [_cloud(snapshot, centre) for snapshot in snapshots]
+    surveys = [survey.of(output, len(scenarios)) for output in outputs]
+    centre, shown = _reference(surveys), _shown(surveys)
+    clouds = [cloud.of(*own, centre) for own in zip(outputs, surveys, strict=True)]
     windows, common = _windows(clouds, centre) if grid is None else (_fixed(clouds, centre, grid), grid)
     land = _Land(is_land, common)
     laid = [
-        None
-        if cloud is None or window is None
-        else _Laid(window, _deposits(snapshot, cloud, window, shown, deposit), land.on(window))
-        for snapshot, cloud, window in zip(snapshots, clouds, windows, strict=True)
+        None if window is None else _Laid(window, cloud.deposits(output, known, window, shown), land.on(window))
+        for output, known, window in zip(outputs, surveys, windows, strict=True)
     ]
-    bandwidths = None if grid is None else [None if cloud is None else cloud.spacing for cloud in clouds]
+    bandwidths = None if grid is None else [None if own is None else own.spacing for own in clouds]
 
     def rest() -> Forecast:
         with ThreadPoolExecutor(AT_ONCE) as pool:
             maps = list(pool.map(lambda own: None if own is None else _map(own, shares, common), laid))
         contours = tuple(
-            Contour(snapshot.time, share, float(size), outline)
-            for snapshot, drawn in zip(snapshots, maps, strict=True)
+            Contour(known.time, share, float(size), outline)
+            for known, drawn in zip(surveys, maps, strict=True)
             if drawn is not None
             for share, size, outline in zip(shares, drawn[0].areas, drawn[1], strict=True)
         )
         without_outlines = [None if drawn is None else drawn[0] for drawn in maps]
-        data = dataset.build(snapshots, scenarios, common, without_outlines, shares, bandwidths)
+        data = dataset.build(surveys, scenarios, common, without_outlines, shares, bandwidths)
         return Forecast(data, contours)
 
     return rest
 
 
-def grid_of(snapshots: Sequence[Snapshot]) -> Cells:
-    """Return the grid that `build` would choose for some snapshots, of cells that it can be given again."""
-    centre = _reference(snapshots)
-    grid = _windows([_cloud(snapshot, centre) for snapshot in snapshots], centre)[1]
+def grid_of(outputs: Sequence[Output], scenarios: int) -> Cells:
+    """Return the grid that `build` would choose for some outputs, of cells that it can be given again."""
+    surveys = [survey.of(output, scenarios) for output in outputs]
+    centre = _reference(surveys)
+    grid = _windows([cloud.of(*own, centre) for own in zip(outputs, surveys, strict=True)], centre)[1]
     width, height = (-(-size // QUANTUM) * QUANTUM for size in (grid.width, grid.height))
     columns, rows = (-(-count * old // new) for count, old, new in (
         (grid.nlon, grid.width, width), (grid.nlat, grid.height, height)
@@ -168,60 +152,40 @@ def grid_of(snapshots: Sequence[Snapshot]) -> Cells:
     return Cells(grid.lon0, grid.lat0, width, height, min(columns, sphere.TURN // width), rows)
 
 
-def _shown(snapshots: Sequence[Snapshot], scenarios: int) -> Shown:
-    """Return which scenarios have maps of their own, as `dataset.shown` will of what is made of these snapshots."""
-    if scenarios <= likeliest.MOST + 1:
-        return likeliest.of(np.ones(scenarios))
-    return likeliest.of([s.blocks.table(s.scenario, scenarios, s.probability) for s in snapshots])
+def _shown(surveys: Sequence[Survey]) -> Shown:
+    """Return which scenarios have maps of their own, as `dataset.shown` will of what is made of these outputs."""
+    return likeliest.of([known.scenario for known in surveys])
 
 
-def _reference(snapshots: Sequence[Snapshot]) -> int:
+def _reference(surveys: Sequence[Survey]) -> int:
     """Return the longitude [binary angle] round which to unwrap: that of the mean position at all times."""
-    x = y = 0.0
-    for snapshot in snapshots:
-        weight, lon = np.where(mapped(snapshot), snapshot.probability, 0.0), snapshot.lon * sphere.UNIT
-        x, y = x + snapshot.blocks.total(weight * np.cos(lon)), y + snapshot.blocks.total(weight * np.sin(lon))
+    x, y = np.sum([known.direction for known in surveys], axis=0)
     return int(sphere.to_binary(np.degrees(np.arctan2(y, x))))
 
 
-def _cloud(snapshot: Snapshot, centre: int) -> _Cloud | None:
-    """Return a snapshot's extent and spacing; None if no probability is adrift or ashore."""
-    index = np.flatnonzero(mapped(snapshot))
-    if not len(index):
-        return None
-    # int32 subtraction wraps, which gives longitudes relative to the centre in [-180, 180) degrees.
-    lon, lat = np.subtract(snapshot.lon[index], np.int32(centre)), snapshot.lat[index]
-    shrink = float(np.cos(int(lat.sum(dtype=np.int64)) / len(lat) * sphere.UNIT))
-    weight = np.where(mapped(snapshot), snapshot.probability, 0.0)
-    picks = density.systematic(snapshot.blocks.running(weight))
-    x, y = np.subtract(snapshot.lon[picks], np.int32(centre)) * shrink, snapshot.lat[picks].astype(np.float64)
-    spacing = density.typical_spacing(x, y, effective.number(weight, blocks=snapshot.blocks))
-    return _Cloud(index, int(lon.min()), int(lon.max()), int(lat.min()), int(lat.max()), spacing)
-
-
-def _windows(clouds: Sequence[_Cloud | None], centre: int) -> tuple[list[Cells | None], Cells]:
+def _windows(clouds: Sequence[Cloud | None], centre: int) -> tuple[list[Cells | None], Cells]:
     """Return each snapshot's own cells and the common ones; the former divide the latter by powers of two."""
-    present = [cloud for cloud in clouds if cloud is not None]
+    present = [own for own in clouds if own is not None]
     if not present:
         return [None] * len(clouds), Cells(centre, 0, 2**12, 2**12, 1, 1)
     south, north = min(c.south for c in present), max(c.north for c in present)
     west, east = min(c.west for c in present), max(c.east for c in present)
     shrink = max(float(np.cos((south + north) / 2 * sphere.UNIT)), 0.01)
     across = max(north - south, (east - west) * shrink)
-    wanted = [_wanted(cloud) for cloud in present]
+    wanted = [_wanted(own) for own in present]
     side = max(across / ACROSS, min(*wanted, across / 120) if len(wanted) > 1 else min(wanted[0], across / 120), 32.0)
     halvings = min(max(int(np.log2(side / 8)), 0), 10)
     height = _multiple(side, 2**halvings)
     width = _multiple(side / shrink, 2**halvings)
 
     boxes: list[tuple[int, int, int, int, int] | None] = []
-    for cloud in clouds:
-        if cloud is None:
+    for own in clouds:
+        if own is None:
             boxes.append(None)
             continue
-        fine = _wanted(cloud)
-        x0, x1 = _span(cloud.west, cloud.east, width, 15 * fine / shrink)
-        y0, y1 = _span(cloud.south, cloud.north, height, 15 * fine)
+        fine = _wanted(own)
+        x0, x1 = _span(own.west, own.east, width, 15 * fine / shrink)
+        y0, y1 = _span(own.south, own.north, height, 15 * fine)
         y0, y1 = max(y0, -(2**30) // height), min(y1, 2**30 // height)
         boxes.append((x0, x1, y0, y1, _halved(height, fine, max(x1 - x0, y1 - y0), halvings)))
     filled = [box for box in boxes if box is not None]
@@ -245,20 +209,20 @@ def _windows(clouds: Sequence[_Cloud | None], centre: int) -> tuple[list[Cells |
     return windows, grid
 
 
-def _fixed(clouds: Sequence[_Cloud | None], centre: int, grid: Cells) -> list[Cells | None]:
+def _fixed(clouds: Sequence[Cloud | None], centre: int, grid: Cells) -> list[Cells | None]:
     """Return each snapshot's own cells, which divide those of a given grid by powers of two."""
     middle = grid.lon0 + grid.nlon * grid.width // 2
     offset = (centre - middle + sphere.TURN // 2) % sphere.TURN - sphere.TURN // 2 + middle - grid.lon0
     halvings = (QUANTUM & -QUANTUM).bit_length() - 1
     shrink = grid.height / grid.width
     windows: list[Cells | None] = []
-    for cloud in clouds:
-        if cloud is None:
+    for own in clouds:
+        if own is None:
             windows.append(None)
             continue
-        fine = _wanted(cloud)
-        x0, x1 = _span(offset + cloud.west, offset + cloud.east, grid.width, 15 * fine * grid.width / grid.height)
-        y0, y1 = _span(cloud.south - grid.lat0, cloud.north - grid.lat0, grid.height, 15 * fine)
+        fine = _wanted(own)
+        x0, x1 = _span(offset + own.west, offset + own.east, grid.width, 15 * fine * grid.width / grid.height)
+        y0, y1 = _span(own.south - grid.lat0, own.north - grid.lat0, grid.height, 15 * fine)
         y0, y1 = max(y0, -((2**30 + grid.lat0) // grid.height)), min(y1, (2**30 - grid.lat0) // grid.height)
         if (x1 - x0) * (y1 - y0) > MOST_ONE:
             across = max((x1 - x0) * grid.width * shrink, (y1 - y0) * grid.height) / METRE
@@ -273,9 +237,9 @@ def _fixed(clouds: Sequence[_Cloud | None], centre: int, grid: Cells) -> list[Ce
     return windows
 
 
-def _wanted(cloud: _Cloud) -> float:
-    """Return the size of cells [binary angle unit] that is fine enough for a snapshot's densest particles."""
-    return max(cloud.spacing / 2.5, 0.2 * METRE)
+def _wanted(of: Cloud) -> float:
+    """Return the size of cells [binary angle unit] that is fine enough for an output's densest particles."""
+    return max(of.spacing / 2.5, 0.2 * METRE)
 
 
 def _span(low: int, high: int, cell: int, reach: float) -> tuple[int, int]:
@@ -321,58 +285,11 @@ class _Land:
         return land if land.any() else None
 
 
-def group(n: int) -> Array:
-    """Return the group 0..3 of each slot: particles of one group are held out of a map together.
-
-    It is a hash of the slot, the same in runs of up to 32 slots: resampling lays a particle's offspring side by side,
-    and siblings must not sit on both sides of a check.
-    """
-    run = min(max(n // 2048, 1), 32)
-    code = np.arange(n, dtype=np.uint64) // np.uint64(run) + np.uint64(1)
-    with np.errstate(over="ignore"):  # splitmix64 (Steele et al. 2014, doi:10.1145/2660193.2660195)
-        code = code * np.uint64(0x9E3779B97F4A7C15)
-        code = (code ^ (code >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-        code = (code ^ (code >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return ((code ^ (code >> np.uint64(31))) >> np.uint64(62)).astype(np.int8)
-
-
 def _map(laid: _Laid, shares: tuple[float, ...], common: Cells) -> tuple[areas.Area, list[shapely.MultiPolygon]]:
     """Return the map of one snapshot on its own cells, which divide `common`, and the outlines of its areas."""
     media, k = media_of(laid.deposits, laid.cells.shape, laid.land), common.width // laid.cells.width
     area = areas.build(laid.cells, laid.deposits, media, shares, k)
     return area, areas.contours(area)
-
-
-def _deposits(snapshot: Snapshot, cloud: _Cloud, window: Cells, shown: Shown, deposit: Deposit) -> areas.Deposits:
-    """Return what lies in each cell of a snapshot's own."""
-    index = cloud.index
-    lon, lat, weight = snapshot.lon[index], snapshot.lat[index], snapshot.probability[index]
-    ashore = (snapshot.status[index] == Status.ASHORE).astype(np.int8)
-    media = 2 if ashore.any() else 1
-    amount, heaviest = cells.fixed(weight), float(weight.max())
-    level = bool(weight.min() == heaviest)
-    square = amount if level else cells.fixed(weight * (weight / heaviest))
-    held = np.flatnonzero(deposit(lon, lat, amount, window) > 0)
-
-    def sums(code: Array, number: int, amounts: Array) -> Array:
-        """Deposits of each class of particles in the cells that hold any, shape (number, n)."""
-        deposited = np.zeros((number, held.size))
-        order = np.argsort(code, kind="stable")
-        for out, some in zip(
-            deposited, np.split(order, np.searchsorted(code[order], np.arange(1, number))), strict=True
-        ):
-            if len(some):
-                out[:] = deposit(lon[some], lat[some], amounts[some], window).ravel()[held] / cells.ONE
-        return deposited
-
-    code = group(len(snapshot.lon))[index] * media + ashore
-    mass = sums(code, 4 * media, amount).reshape(4, media, -1)
-    squares = (mass if level else sums(code, 4 * media, square).reshape(4, media, -1)) * heaviest
-    by_scenario = mass.sum(axis=0)[None]
-    if shown.size > 1:
-        of_scenario = shown.place.astype(np.int16)[snapshot.scenario[index]] * media + ashore
-        by_scenario = sums(of_scenario, media * shown.size, amount).reshape(shown.size, media, -1)
-    return areas.Deposits(held, mass, squares, by_scenario)
 
 
 def media_of(deposits: areas.Deposits, shape: tuple[int, int], land: Array | None) -> list[density.Medium]:

@@ -1,16 +1,16 @@
 """The contents of forecast.nc: CF-1.11 variables on one grid that covers all output times."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from drift.forecast import areas, effective, likeliest
+from drift.forecast import areas, likeliest
 from drift.forecast.likeliest import Shown
-from drift.particles.snapshot import Means, Snapshot, mapped, means
-from drift.particles.status import Status, under_way
+from drift.forecast.survey import Survey
+from drift.particles.snapshot import Means
+from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
 from geo.cells import Cells
@@ -151,7 +151,7 @@ STEERING = {  # words of long names where targets steer
 
 
 def build(
-    snapshots: Sequence[Snapshot],
+    surveys: Sequence[Survey],
     scenarios: Sequence[str],
     grid: Cells,
     maps: Sequence[areas.Area | None],
@@ -160,17 +160,16 @@ def build(
 ) -> xr.Dataset:
     """Return the forecast as a dataset; times without any probability on the map have zeros and NaN.
 
-    bandwidths: [binary angle unit] that suit the densest particles of each snapshot, on a grid that does not follow
+    bandwidths: [binary angle unit] that suit the densest particles of each output, on a grid that does not follow
     them.
     """
-    counted = [_counted(snapshot, len(scenarios)) for snapshot in snapshots]
-    numbers = _numbers(snapshots, len(scenarios), maps, len(shares))
+    numbers = _numbers(surveys, maps, len(shares))
     mapped_alone = likeliest.of(numbers["scenario_probability"])
     values = {
         **_maps(maps, grid, mapped_alone.size),
         **numbers,
-        **_effective(counted),
-        **_tracks([means(snapshot, len(scenarios)) for snapshot in snapshots], grid),
+        **_effective(surveys),
+        **_tracks([survey.means for survey in surveys], grid),
     }
     if bandwidths is None:
         del values["off_grid"]
@@ -182,15 +181,15 @@ def build(
             ]
         )
     data = {name: (dims, values[name], attributes) for name, (dims, attributes) in VARIABLES.items() if name in values}
-    coordinates = _coordinates([snapshot.time for snapshot in snapshots], scenarios, grid, shares)
+    coordinates = _coordinates([survey.time for survey in surveys], scenarios, grid, shares)
     if mapped_alone.rest:
         data["probability_by_scenario"] = (MAPPED_ALONE, *data["probability_by_scenario"][1:])
         names = np.array(mapped_alone.names(scenarios), object)
         coordinates["mapped_scenario"] = ("mapped_scenario", names, {"long_name": "scenario, or all that have no map"})
     forecast = xr.Dataset(data, coordinates, {"summary": SUMMARY})
     if "effective_worlds" in forecast:
-        forecast["effective_worlds"].attrs["worlds"] = counted[0].drawn
-    if not any(under_way(snapshot.status).any() for snapshot in snapshots):
+        forecast["effective_worlds"].attrs["worlds"] = surveys[0].worlds
+    if not any(survey.steers for survey in surveys):
         return forecast.isel(status=slice(int(Status.UNDER_WAY)))  # nothing steers: it is the last three
     for variable in forecast.variables.values():
         for drifting, steering in STEERING.items() if variable.attrs else ():
@@ -246,16 +245,14 @@ def _edges(grid: Cells) -> dict[str, Array]:
     }
 
 
-def _numbers(
-    snapshots: Sequence[Snapshot], scenarios: int, maps: Sequence[areas.Area | None], shares: int
-) -> dict[str, Array]:
+def _numbers(surveys: Sequence[Survey], maps: Sequence[areas.Area | None], shares: int) -> dict[str, Array]:
     """Return what is known of each time as a whole."""
     none = np.full(shares, np.nan)
     return {
         "containment_area": np.array([area.areas if area else none for area in maps]),
         "held_out": np.array([area.held_out if area else none for area in maps]),
-        "status_probability": np.array([s.blocks.table(s.status, len(Status), s.probability) for s in snapshots]),
-        "scenario_probability": np.array([s.blocks.table(s.scenario, scenarios, s.probability) for s in snapshots]),
+        "status_probability": np.array([survey.status for survey in surveys]),
+        "scenario_probability": np.array([survey.scenario for survey in surveys]),
         "particles_per_kernel": np.array([area.per_kernel if area else np.nan for area in maps]),
     }
 
@@ -293,36 +290,14 @@ def _axis(name: str, axis: str, words: str) -> dict[str, str]:
     return {"standard_name": name, "long_name": words, "axis": axis}
 
 
-@dataclass(frozen=True)
-class _Counted:
-    """How many particles and worlds of a snapshot count."""
-
-    map: float  # adrift or ashore
-    status: Array  # (statuses,)
-    scenario: Array  # (scenarios,), adrift or ashore
-    worlds: float  # adrift or ashore; NaN where there are none
-    drawn: int  # number of worlds that were drawn; 0 where there are none
-
-
-def _counted(snapshot: Snapshot, scenarios: int) -> _Counted:
-    weight, family, blocks = np.where(mapped(snapshot), snapshot.probability, 0.0), snapshot.family, snapshot.blocks
-    return _Counted(
-        effective.number(weight, family, blocks),
-        effective.by(snapshot.status, len(Status), snapshot.probability, family, blocks),
-        effective.by(snapshot.scenario, scenarios, weight, family, blocks),
-        np.nan if snapshot.world is None else effective.number(weight, snapshot.world, blocks),
-        0 if snapshot.world is None else 1 + int(snapshot.world.max()),
-    )
-
-
-def _effective(counted: Sequence[_Counted]) -> dict[str, Array]:
+def _effective(surveys: Sequence[Survey]) -> dict[str, Array]:
     """Return how many particles count, and how many worlds where there are any."""
-    worlds = counted and counted[0].drawn > 0
+    worlds = surveys and surveys[0].worlds > 0
     return {
-        "effective_particles": np.array([c.map for c in counted]),
-        "status_effective": np.array([c.status for c in counted]),
-        "scenario_effective": np.array([c.scenario for c in counted]),
-        **({"effective_worlds": np.array([c.worlds for c in counted])} if worlds else {}),
+        "effective_particles": np.array([survey.effective_map for survey in surveys]),
+        "status_effective": np.array([survey.effective_status for survey in surveys]),
+        "scenario_effective": np.array([survey.effective_scenario for survey in surveys]),
+        **({"effective_worlds": np.array([survey.effective_worlds for survey in surveys])} if worlds else {}),
     }
 
 

@@ -28,21 +28,11 @@ from geo.array import Array
 KNOTS = np.unique(np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.9, 1, 101)]))  # of a calibration
 FEW = 8  # a grid with so many times more cells than count is read only where they count
 PARTS = np.array([9, 3, 3, 1]) / 16  # of a cell's mass go to four cells of the next level: see _above
-SAMPLE = 4096  # particles that tell how fine cells are to be
 REACH = 4  # cells, and standard deviations, as far as a kernel reaches
 BELL = np.exp(-0.5 * np.arange(-REACH, REACH + 1) ** 2)
 BELL /= BELL.sum()
 WIDER = 4.0  # kernels of the densest cells hold so many times the particles of those of the thinnest
 PER_KERNEL = 0.07  # m = PER_KERNEL n^(2/3) is about the optimum of a bivariate normal: where the search starts
-
-
-def systematic(running: Array) -> Array:
-    """Return the slots of a systematic sample of SAMPLE, each once.
-
-    running: the sum of weights up to and with each slot, (n,).
-    """
-    goals = (np.arange(SAMPLE) + 0.5) / SAMPLE * running[-1]
-    return np.unique(np.searchsorted(running, goals).clip(max=len(running) - 1))
 
 
 def typical_spacing(x: Array, y: Array, effective: float) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 
 from drift.forecast import likeliest
 from drift.particles import partials, weights
-from drift.particles.partials import Blocks
+from drift.particles.partials import Blocks, Partial
 from geo import notation
 from geo.array import Array
 
@@ -51,41 +51,55 @@ class Count:
         return f"{many} count{'s' if number == 1 else ''}"
 
 
-def number(weight: Array, family: Array | None = None, blocks: Blocks | None = None) -> float:
+class Effective:
+    """Effective numbers of weights by code, 0 to many - 1, taken up part by part of the particles."""
+
+    def __init__(self, many: int = 1) -> None:
+        """Begin with nothing."""
+        self._many = many
+        self._sums: list[Partial] = []
+        self._runs: list[tuple[Array, Array]] = []
+
+    def add(self, weight: Array, blocks: Blocks, code: Array | None = None, family: Array | None = None) -> None:
+        """Take up weights (n,) of a part, probabilities; family: those of one and the same code count as one."""
+        if family is None:
+            self._sums.append(blocks.partial(weight, weight**2, code=code, many=self._many))
+        else:
+            own = np.zeros(len(weight), np.int64) if code is None else code
+            self._runs.append(weights.runs_of_families(own, self._many, weight, family, blocks))
+
+    @property
+    def numbers(self) -> Array:
+        """The effective number of each code, (many,); 0 where there is none."""
+        if self._runs:
+            of, mass = weights.families(self._many, self._runs)
+            top = np.zeros(self._many)
+            np.maximum.at(top, of, mass)
+            mass = mass / np.where(top > 0, top, 1.0)[of]  # squares of the smallest weights would underflow
+            total, squares = np.bincount(of, mass, self._many), np.bincount(of, mass**2, self._many)
+        else:
+            total, squares = partials.merged(self._sums).total.T
+        return np.asarray(np.divide(total**2, squares, out=np.zeros(self._many), where=squares > 0))
+
+
+def number(weight: Array, family: Array | None = None) -> float:
     """Return the effective number of weights (n,) of any scale; 0 for none.
 
-    family: int (n,) not negative: those of one family count as one of their summed weight. blocks: by which they are
-    summed.
+    family: int (n,) not negative: those of one family count as one of their summed weight.
     """
     if not len(weight) or weight.max() <= 0:
         return 0.0
-    blocks = blocks or partials.whole(len(weight))
-    weight = weight / weight.max()  # squares of the smallest weights would underflow
-    if family is not None:
-        return weights.effective(blocks.grouped(family, weight))
-    total, squares = blocks.partial(weight, weight**2).total[0]
-    return float(total**2 / squares)
+    counted = Effective()
+    # Squares of the smallest weights would underflow.
+    counted.add(weight / weight.max(), partials.whole(len(weight)), family=family)
+    return float(counted.numbers[0])
 
 
-def by(code: Array, many: int, weight: Array, family: Array | None = None, blocks: Blocks | None = None) -> Array:
-    """Return the effective number of the weights (n,) of each code 0 to many - 1, (many,).
-
-    family, blocks: as in `number`.
-    """
-    if family is not None:
-        return _by_family(code, many, weight, family)
-    total, squares = (blocks or partials.whole(len(weight))).table(code, many, weight, weight**2)
-    return np.asarray(np.divide(total**2, squares, out=np.zeros(many), where=squares > 0))
-
-
-def _by_family(code: Array, many: int, weight: Array, family: Array) -> Array:
-    """Return the effective number of weights by code, where those of one family and code count as one."""
-    of, mass = weights.of_families(code, many, weight, family)
-    top = np.zeros(many)
-    np.maximum.at(top, of, mass)
-    mass = mass / np.where(top > 0, top, 1.0)[of]  # squares of the smallest weights would underflow
-    total, squares = np.bincount(of, mass, many), np.bincount(of, mass**2, many)
-    return np.asarray(np.divide(total**2, squares, out=np.zeros(many), where=squares > 0))
+def by(code: Array, many: int, weight: Array, family: Array | None = None) -> Array:
+    """Return the effective number of the weights (n,) of each code 0 to many - 1, (many,); family: as in `number`."""
+    counted = Effective(many)
+    counted.add(weight, partials.whole(len(weight)), code, family)
+    return counted.numbers
 
 
 def sentence(count: Count, when: str = "", rough: str = "areas and shares are rough") -> str:

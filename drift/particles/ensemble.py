@@ -197,28 +197,6 @@ def probability(ensemble: Ensemble) -> Array:
     return weights.normalised(ensemble.log_weight.to_numpy(), ensemble.blocks)
 
 
-@dataclass(frozen=True)
-class Account:
-    """Where the probability is, by status and scenario, and how many particles count for it."""
-
-    by_status: Array  # (scenario, status), sum 1
-    ess: float  # effective sample size, 1 / sum of squared weights (Kong 1992), copies as one
-
-
-def account(ensemble: Ensemble, status: Array | None = None, family: Array | None = None) -> Account:
-    """Return the account of an ensemble.
-
-    status: int32 (n,) at another time than that of the last step; default: the ensemble's own. family: int32 (n,), the
-    particle of the begin from which each descends; None: itself.
-    """
-    status = ensemble.status.to_numpy() if status is None else status
-    table = ensemble.blocks.partial(probability(ensemble), code=status, many=len(Status)).by_scenario[:, :, 0]
-    ess = weighed(ensemble).ess
-    if family is not None:
-        ess = weights.effective(ensemble.blocks.grouped(family, probability(ensemble)))
-    return Account(table / table.sum(), ess)
-
-
 def sample(ensemble: Ensemble, slots: Array) -> Ensemble:
     """Return a copy of chosen slots (sorted), for trials that must not touch the run."""
     copied = {name: runtime.upload(column.to_numpy()[slots]) for name, column in ensemble.columns.items()}

@@ -37,6 +37,23 @@ class Blocks:
         """The slots of each block, (k,)."""
         return [slice(a, b) for a, b in itertools.pairwise([*self.first.tolist(), self.n])]
 
+    @property
+    def places(self) -> Array:
+        """The number of every particle in the whole run, int64 (n,)."""
+        return np.asarray(np.arange(self.n) + np.repeat(self.number - self.first, np.diff(self.first, append=self.n)))
+
+    def some(self, begin: int, end: int) -> Blocks:
+        """Return the blocks from number `begin` to before number `end`, as if they alone were here."""
+        edges = np.append(self.first, self.n)
+        own = slice(begin, end)
+        return Blocks(
+            int(edges[end] - edges[begin]),
+            self.scenarios,
+            self.first[own] - edges[begin],
+            self.scenario[own],
+            self.number[own],
+        )
+
     def partial(self, *values: Array, code: Array | None = None, many: int = 1, slots: Array | None = None) -> Partial:
         """Return the sums of some values by block, and by `code` within each; of no particles they are 0.
 
@@ -74,13 +91,17 @@ class Blocks:
 
         Quick where groups come in long runs of slots.
         """
+        return np.bincount(*self.runs(group, values))
+
+    def runs(self, group: Array, values: Array) -> tuple[Array, Array]:
+        """Return the group of each run of slots of one group within a block, and the sum of its values, (r,) each."""
         if not self.n:
-            return np.empty(0)
+            return np.empty(0, np.int64), np.empty(0)
         heads = np.ones(self.n, bool)
         heads[1:] = group[1:] != group[:-1]
         heads[self.first] = True
         begin = np.flatnonzero(heads)
-        return np.bincount(group[begin], np.add.reduceat(np.asarray(values, np.float64), begin))
+        return group[begin], np.add.reduceat(np.asarray(values, np.float64), begin)
 
     def running(self, values: Array) -> Array:
         """Return the sum of values (n,), none of them negative, up to and with each particle; it never falls."""
@@ -127,12 +148,7 @@ class Partial:
 
     def merge(self, other: Partial) -> Partial:
         """Return the sums of the blocks of both, which have none in common."""
-        number = np.concatenate([self.number, other.number])
-        order = np.argsort(number, kind="stable")
-        scenario = np.concatenate([self.scenario, other.scenario])[order]
-        return replace(
-            self, scenario=scenario, number=number[order], sums=np.concatenate([self.sums, other.sums])[order]
-        )
+        return merged((self, other))
 
     @property
     def by_scenario(self) -> Array:
@@ -149,3 +165,14 @@ class Partial:
     def total(self) -> Array:
         """The sums of all, (codes, values): those of scenarios, added in their order."""
         return np.asarray(np.add.accumulate(self.by_scenario, axis=0)[-1])
+
+
+def merged(parts: Sequence[Partial]) -> Partial:
+    """Return the sums of the blocks of all parts (at least one), which have none in common."""
+    if len(parts) == 1:
+        return parts[0]
+    number, scenario, sums = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("number", "scenario", "sums")
+    )
+    order = np.argsort(number, kind="stable")
+    return replace(parts[0], scenario=scenario[order], number=number[order], sums=sums[order])

@@ -1,12 +1,18 @@
-"""The particles at one time, as products see them, and their mean positions."""
+"""The particles at one time, as products see them, and their mean positions.
 
+A snapshot holds all of them, or a part: whole blocks. What is made of all particles takes them part by part, so that
+memory holds one part, however many particles there are.
+"""
+
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from drift.particles import partials, status
-from drift.particles.partials import Blocks
+from drift.particles.partials import Blocks, Partial
 from geo import sphere
 from geo.array import Array
 from geo.cells import ONE
@@ -14,7 +20,10 @@ from geo.cells import ONE
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The particles at one time; probability is normalised, sum 1 over all statuses; arrays of shape (n,)."""
+    """The particles at one time, or a part of them; arrays of shape (n,).
+
+    probability is normalised: of all particles, in all statuses, it adds up to 1.
+    """
 
     time: np.datetime64  # UTC
     lon: npt.NDArray[np.int32]  # binary angle
@@ -30,6 +39,35 @@ class Snapshot:
     def blocks(self) -> Blocks:
         """The blocks by which sums over particles are made."""
         return self.cut or partials.whole(len(self.lon))
+
+    @property
+    def n(self) -> int:
+        """Number of particles."""
+        return len(self.lon)
+
+    def parts(self) -> "Iterable[Snapshot]":
+        """Return itself, as an output that is read in one part."""
+        return (self,)
+
+
+class Output(Protocol):
+    """The particles at one time, read part by part, as often as is asked; a Snapshot is one too."""
+
+    @property
+    def time(self) -> np.datetime64:
+        """When it is, UTC."""
+
+    @property
+    def n(self) -> int:
+        """Number of particles of all parts."""
+
+    def parts(self) -> Iterable[Snapshot]:
+        """Return its parts, which have no block in common."""
+
+
+def total(output: Output, sums: Callable[[Snapshot], Partial]) -> Partial:
+    """Return sums over all particles of an output; sums: those of a part."""
+    return partials.merged([sums(part) for part in output.parts()])
 
 
 def mapped(snapshot: Snapshot) -> Array:
@@ -49,21 +87,25 @@ class Means:
     scenario: Array  # (scenarios, 2), all that is on the map
 
 
-def means(snapshot: Snapshot, scenarios: int) -> Means:
-    """Return the mean positions of a snapshot."""
-    lon, lat, weight = (
-        snapshot.lon * sphere.UNIT,
-        snapshot.lat * sphere.UNIT,
-        np.where(mapped(snapshot), snapshot.probability, 0.0),
-    )
+def vectors(snapshot: Snapshot, scenarios: int) -> Partial:
+    """Return what mean positions are made of: summed unit vectors, by scenario and whether at rest."""
+    lon, lat = snapshot.lon * sphere.UNIT, snapshot.lat * sphere.UNIT
+    weight = np.where(mapped(snapshot), snapshot.probability, 0.0)
     flat = weight * np.cos(lat)
     code = snapshot.scenario.astype(np.int64) * 2 + np.isin(snapshot.status, status.AT_REST)
-    vector = flat * np.cos(lon), flat * np.sin(lon), weight * np.sin(lat)
-    sums = snapshot.blocks.table(code, 2 * scenarios, *vector).reshape(3, scenarios, 2)
+    return snapshot.blocks.partial(
+        flat * np.cos(lon), flat * np.sin(lon), weight * np.sin(lat), code=code, many=2 * scenarios
+    )
+
+
+def means(of: Partial) -> Means:
+    """Return mean positions from sums that `vectors` gave."""
+    total = of.total.T
+    sums = total.reshape(3, total.shape[1] // 2, 2)
     return Means(
         _position(sums.sum(axis=(1, 2))),
         _position(sums[:, :, 0].sum(axis=1)),
-        np.array([_position(sums[:, i].sum(axis=1)) for i in range(scenarios)]).reshape(scenarios, 2),
+        np.array([_position(sums[:, i].sum(axis=1)) for i in range(sums.shape[1])]).reshape(-1, 2),
     )
 
 

@@ -5,6 +5,7 @@ Evidence, shares and effective sizes are made from them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,17 +31,25 @@ def effective(weight: Array) -> float:
     return float(weight.sum() ** 2 / (weight**2).sum())
 
 
-def of_families(code: Array, many: int, weight: Array, family: Array) -> tuple[Array, Array]:
+def of_families(code: Array, many: int, weight: Array, family: Array, blocks: Blocks) -> tuple[Array, Array]:
     """Return the codes 0 to many - 1 of all families (k,), and the sum of each one's weights (k,).
 
     code, weight, family: (n,) of the particles; those of one family and code are one of the result. family: int, the
     particle of the begin from which each descends.
     """
-    pair = family.astype(np.int64) * many + code
-    begin = np.flatnonzero(np.diff(pair, prepend=-1))  # offspring lie side by side, so that runs are few
-    pairs, which = np.unique(pair[begin], return_inverse=True)
-    mass = np.bincount(which, np.add.reduceat(np.asarray(weight, np.float64), begin))
-    return pairs % many, mass
+    return families(many, [runs_of_families(code, many, weight, family, blocks)])
+
+
+def runs_of_families(code: Array, many: int, weight: Array, family: Array, blocks: Blocks) -> tuple[Array, Array]:
+    """Return what a part of the particles has to say to `families`."""
+    return blocks.runs(family.astype(np.int64) * many + code, weight)  # offspring lie side by side: runs are few
+
+
+def families(many: int, runs: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Return what `of_families` does, from the runs of all parts."""
+    pair, mass = (np.concatenate(column) for column in zip(*runs, strict=True))
+    pairs, which = np.unique(pair, return_inverse=True)
+    return pairs % many, np.bincount(which, mass, len(pairs))
 
 
 @dataclass(frozen=True)

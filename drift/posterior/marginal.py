@@ -73,7 +73,7 @@ def weighted(weight: Array, blocks: Blocks, family: Array | None = None) -> Weig
 def _of_families(weight: Array, blocks: Blocks, family: Array) -> Array:
     """Return the sums of the squared weights of families by scenario and, last, of all."""
     scenario = np.repeat(np.arange(blocks.scenarios), np.diff(_edges(blocks)))
-    of, mass = weights.of_families(scenario, blocks.scenarios, weight, family)
+    of, mass = weights.of_families(scenario, blocks.scenarios, weight, family, blocks)
     squares = np.bincount(of, mass**2, blocks.scenarios)
     return np.append(squares, squares.sum())
 

@@ -1,12 +1,17 @@
 """Maps, containment areas and tracks against known densities and closed forms."""
 
+import dataclasses
+import itertools
+
 import numpy as np
 import pytest
 import shapely
 import xarray as xr
 
 from drift.forecast import build as forecast_build
-from drift.forecast import density, shares
+from drift.forecast import cloud, density, shares
+from drift.particles import partials
+from drift.particles.snapshot import Snapshot
 from drift.particles.status import Status
 from geo import cells, sphere
 
@@ -25,7 +30,7 @@ def snapshot(east, north, *, weight=None, status=None, scenario=None, lon=LON, l
     n = len(east)
     weight = np.ones(n) if weight is None else weight
     x, y = positions(east, north, lon, lat)
-    return forecast_build.Snapshot(
+    return Snapshot(
         time,
         x,
         y,
@@ -77,21 +82,17 @@ def inside(forecast, share, east, north, lon=LON, lat=LAT):
 # --- cells and deposits ---
 
 
-def test_deposit_counts_every_particle_once_in_any_order():
+def test_every_particle_is_in_the_cell_that_holds_it():
     rng = np.random.default_rng(5)
     grid = cells.Cells(lon0=2**31 - 5000, lat0=-3000, width=700, height=300, nlon=21, nlat=17)  # over 180 degrees
     lon = (2**31 - 6000 + rng.integers(0, 18_000, 5000)).astype(np.int64)
     lat = rng.integers(-4000, 3000, 5000).astype(np.int32)
-    weight = rng.integers(0, 2**30, 5000)
-    expected = np.zeros(grid.shape, np.int64)
-    for x, y, w in zip(lon, lat, weight, strict=True):
+    expected = []
+    for x, y in zip(lon, lat, strict=True):
         i, j = (int(x) - grid.lon0) // 700, (int(y) - grid.lat0) // 300
-        if 0 <= i < 21 and 0 <= j < 17:
-            expected[j, i] += w
+        expected.append(21 * j + i if 0 <= i < 21 and 0 <= j < 17 else -1)
     wrapped = ((lon + 2**31) % 2**32 - 2**31).astype(np.int32)
-    np.testing.assert_array_equal(cells.deposit(wrapped, lat, weight, grid), expected)
-    order = rng.permutation(5000)
-    np.testing.assert_array_equal(cells.deposit(wrapped[order], lat[order], weight[order], grid), expected)
+    np.testing.assert_array_equal(cells.index(wrapped, lat, grid), expected)
 
 
 def test_cell_areas_add_up_to_the_zone():
@@ -386,17 +387,45 @@ def test_times_share_one_grid_and_early_areas_stay_sharp():
     np.testing.assert_allclose(data["probability"].sum(("lat", "lon"), dtype=float).values, 1, rtol=1e-6)
 
 
-def test_same_bits_for_a_deposit_in_any_order():
+@dataclasses.dataclass
+class InParts:
+    """A snapshot that is read in ranges of whole blocks, in any order."""
+
+    whole: Snapshot
+    cuts: list[int]
+    order: list[int]
+
+    time, n = property(lambda self: self.whole.time), property(lambda self: self.whole.n)
+
+    def parts(self):
+        blocks = self.whole.blocks
+        edges = [*blocks.first.tolist(), blocks.n]
+        spans = list(itertools.pairwise([0, *self.cuts, len(blocks.first)]))
+        for a, b in (spans[k] for k in self.order):
+            own = slice(edges[a], edges[b])
+            columns = (
+                getattr(self.whole, name)
+                for name in ("lon", "lat", "probability", "status", "scenario", "family", "world")
+            )
+            yield Snapshot(self.whole.time, *(None if c is None else c[own] for c in columns), blocks.some(a, b))
+
+
+@pytest.mark.parametrize("cuts", [[], [1], [2, 3, 5]])
+def test_same_bits_for_particles_in_any_parts(cuts):
+    """Copies, worlds, scenarios in blocks of their own, weights over six orders, some off the map: every variable."""
     rng = np.random.default_rng(13)
-    snapshots = [snapshot(*mixture(7000, rng), weight=rng.random(7000), scenario=rng.integers(0, 2, 7000))]
-
-    def shuffled(lon, lat, weight, grid):
-        order = np.random.default_rng(1).permutation(len(lon))
-        return sum(cells.deposit(lon[p], lat[p], weight[p], grid) for p in np.array_split(order, 3))
-
-    one = forecast_build.build(snapshots, scenarios=["a", "b"]).data
-    two = forecast_build.build(snapshots, scenarios=["a", "b"], deposit=shuffled).data
-    assert one.identical(two)
+    n, bounds = 30_000, (0, 9000, 30_000)
+    own = {
+        "weight": rng.random(n) * 10 ** rng.uniform(-6, 0, n),
+        "scenario": np.repeat([0, 1], np.diff(bounds)),
+        "status": rng.choice([Status.ADRIFT, Status.ASHORE, Status.SUNK], n),
+    }
+    family, world = np.sort(rng.integers(0, 5000, n)), np.arange(n) // 40
+    one = dataclasses.replace(snapshot(*mixture(n, rng), **own), family=family, world=world)
+    one = dataclasses.replace(one, cut=partials.cut(bounds, bounds[:-1], (4096, 4096)))
+    order = rng.permutation(len(cuts) + 1).tolist()
+    whole = forecast_build.build([one], scenarios=["a", "b"]).data
+    assert whole.identical(forecast_build.build([InParts(one, cuts, order)], scenarios=["a", "b"]).data)
 
 
 def test_nothing_on_the_map():
@@ -457,8 +486,8 @@ def test_mean_positions_are_vector_means():
 
 
 def test_groups_hold_runs_of_slots_together_and_share_evenly():
-    group = forecast_build.group(100_000)
+    group = cloud.group(np.arange(100_000), 100_000)
     assert (np.diff(group.reshape(-1, 32), axis=1) == 0).all()
     # 3125 runs: 4 standard errors of a share of 1/4 are 3.1 %
     assert abs(np.bincount(group, minlength=4) / 1e5 - 0.25).max() < 0.031
-    assert len(set(forecast_build.group(40))) == 4
+    assert len(set(cloud.group(np.arange(40), 40))) == 4

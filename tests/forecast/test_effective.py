@@ -23,7 +23,7 @@ from drift.forecast import build as forecast_build
 from drift.forecast import map as forecast_map
 from drift.forecast.effective import Count
 from drift.maps.imprint import Imprint, Setting
-from drift.motion import spool
+from drift.particles.snapshot import Snapshot
 from drift.particles.status import Status
 from drift.planner import files as plan_files
 from drift.planner import map as plan_map
@@ -58,7 +58,7 @@ def snapshot(lon, lat, weight, hours, status=Status.ADRIFT, scenario=0, **more):
     place = sphere.to_binary(np.asarray(lon)), sphere.to_binary(np.asarray(lat))
     time = BEGIN + np.timedelta64(hours, "h")
     codes = (np.broadcast_to(np.asarray(code, np.int32), n) for code in (status, scenario))
-    return forecast_build.Snapshot(time, *place, weight / weight.sum(), *codes, **more)
+    return Snapshot(time, *place, weight / weight.sum(), *codes, **more)
 
 
 def cloud(lon=179.7, lat=-38.2, n=N):
@@ -166,12 +166,8 @@ def test_files_carry_the_number_and_few_are_warned_of(forecast):
 
 
 def test_what_is_drawn_anew_counts_as_what_it_descends_from():
-    """A copy of a copy: the family of the beginning, through two resamplings and an output without one."""
-    first, second = np.array([2, 2, 2, 5, 5, 0]), np.array([0, 1, 3, 3, 4, 5])
-    family = spool._descent(spool._descent(spool._descent(None, None), first), None)
-    np.testing.assert_array_equal(spool._descent(family, second), first[second])
     lon, lat = cloud(n=6)
-    one = snapshot(lon, lat, np.ones(6), 0, family=spool._descent(family, second))  # of 2 2 5 5 5 0
+    one = snapshot(lon, lat, np.ones(6), 0, family=np.array([2, 2, 5, 5, 5, 0]))
     made = forecast_build.build([one], scenarios=["only"])
     assert made.data["effective_particles"].item() == pytest.approx(own(np.array([2.0, 3.0, 1.0])))
 

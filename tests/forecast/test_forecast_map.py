@@ -19,6 +19,7 @@ from drift.forecast import words as forecast_words
 from drift.maps import chart, field, labels
 from drift.maps.imprint import Imprint, Setting
 from drift.maps.marks import Line, Mark
+from drift.particles.snapshot import Snapshot
 from drift.particles.status import Status
 from geo import sphere
 
@@ -34,7 +35,7 @@ def forecast(lon, lat, spread=6000.0, ashore=True, n=4000):
         status = np.where((np.arange(n) % 7 == 0) & (i > 2) & ashore, Status.ASHORE, Status.ADRIFT).astype(np.int32)
         time = np.datetime64("2026-11-21T18:30:00") + np.timedelta64(6 * i, "h")
         place = sphere.to_binary(np.degrees(x)), sphere.to_binary(np.degrees(y))
-        snapshots.append(forecast_build.Snapshot(time, *place, np.full(n, 1 / n), status, np.zeros(n, np.int32)))
+        snapshots.append(Snapshot(time, *place, np.full(n, 1 / n), status, np.zeros(n, np.int32)))
     return forecast_build.build(snapshots, scenarios=["only"])
 
 
@@ -75,7 +76,7 @@ def test_pictures_anywhere_and_at_any_size(tmp_path, lon, lat, spread):
 
 def test_pictures_of_nothing(tmp_path):
     n = 10
-    one = forecast_build.Snapshot(
+    one = Snapshot(
         np.datetime64("2026-11-21T18:30:00"),
         sphere.to_binary(np.full(n, -87.0)),
         sphere.to_binary(np.full(n, 28.0)),

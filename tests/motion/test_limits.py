@@ -122,7 +122,6 @@ def test_the_account_is_of_the_end_of_the_run() -> None:
     place = world(sources.constant("current", 1.0, 0.0), domain=box)
     (end,) = simulate.run(ensemble, place, Clock(T0, 4000, 1, 3600), np.array([4000]))
     assert end.status[0] == Status.ADRIFT
-    assert record.account(ensemble, end.status).by_status[0, Status.ADRIFT] == 1
 
 
 def test_the_spread_at_an_output_inside_a_step() -> None:

@@ -131,8 +131,7 @@ def test_scenarios_share_the_particles_and_keep_their_weights() -> None:
     spec = told(scenario(position(-88, 27), 0.999, "a"), scenario(position(-85, 25), 0.001, "b"))
     ensemble = columns(spec)[0]
     assert ensemble.bounds[1] / N == pytest.approx(0.999 / 1.049, abs=1e-4)  # an unlikely story is still told by 5 %
-    account = record.account(ensemble)
-    assert account.by_status.sum(axis=1) == pytest.approx([0.999, 0.001], rel=1e-5)
+    assert record.weighed(ensemble).scenarios == pytest.approx([0.999, 0.001], rel=1e-5)
 
 
 def test_objects_get_their_own_lines_and_sides() -> None:

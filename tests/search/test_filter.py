@@ -15,6 +15,7 @@ from scipy import stats
 
 from drift import start
 from drift.case import file as case_file
+from drift.forecast import effective
 from drift.motion import leeway, simulate
 from drift.motion.drift import COLUMNS
 from drift.motion.forcing_error import ForcingError
@@ -777,7 +778,7 @@ def test_offspring_separate_and_remember(tmp_path):
     assert later.ess_before == pytest.approx(update.ess_after, rel=0.02)
     assert later.ess_after == pytest.approx(later.ess_before, rel=0.02)
     family = moments[2].ancestors
-    assert record.account(ensemble, family=family).ess == pytest.approx(later.ess_after, rel=0.02)
+    assert effective.number(record.probability(ensemble), family) == pytest.approx(later.ess_after, rel=0.02)
     last, drawn = moments[-1], moments[2].ancestors
     assert moments[1].ancestors is None
     assert len(np.unique(drawn)) == round(update.distinct * 5000)

@@ -1,13 +1,26 @@
-"""The account of an ensemble against NumPy in float64."""
+"""Where the probability of all particles is, and how many count, against NumPy in float64."""
 
 import numpy as np
 import pytest
 
+from drift.forecast import survey
+from drift.forecast.survey import Survey
 from drift.motion.drift import COLUMNS
 from drift.particles import ensemble as record
+from drift.particles.ensemble import Ensemble
+from drift.particles.snapshot import Snapshot
 from drift.particles.status import Status
 
 RNG = np.random.default_rng(4)
+
+
+def surveyed(ensemble: Ensemble) -> Survey:
+    columns = {name: column.to_numpy() for name, column in ensemble.columns.items()}
+    own = Snapshot(
+        np.datetime64("2026-11-23"), columns["lon"], columns["lat"], record.probability(ensemble), columns["status"],
+        columns["scenario"], cut=ensemble.blocks,
+    )  # fmt: skip
+    return survey.of(own, len(ensemble.scenarios))
 
 
 def test_the_account_adds_up_and_agrees_with_numpy() -> None:
@@ -20,12 +33,10 @@ def test_the_account_adds_up_and_agrees_with_numpy() -> None:
     ensemble.status.from_numpy(status)
     weight = np.exp(log_weight.astype(float) - log_weight.max())
     weight /= weight.sum()
-    scenario = (np.arange(n) >= 20_001).astype(int)
-    expected = np.bincount(scenario * 9 + status, weight, 18).reshape(2, 9)
-    account = record.account(ensemble)
-    assert account.by_status == pytest.approx(expected, rel=1e-11)
-    assert account.by_status.sum() == pytest.approx(1, abs=1e-12)
-    assert account.ess == pytest.approx(1 / (weight**2).sum(), rel=1e-11)
+    account = surveyed(ensemble)
+    assert account.status == pytest.approx(np.bincount(status, weight, 9), rel=1e-11)
+    assert account.scenario == pytest.approx([weight[:20_001].sum(), weight[20_001:].sum()], rel=1e-11)
+    assert account.effective == pytest.approx(1 / (weight**2).sum(), rel=1e-11)
     assert record.probability(ensemble).sum() == pytest.approx(1, abs=1e-12)
 
 
@@ -34,10 +45,11 @@ def test_a_scenario_of_no_weight_is_accounted_as_none() -> None:
     log_weight = np.zeros(30, np.float32)
     log_weight[:10] = -np.inf
     ensemble.log_weight.from_numpy(log_weight)
-    account = record.account(ensemble)
-    assert account.by_status.sum(axis=1).tolist() == [0, 1]
-    assert account.by_status[1, Status.PENDING] == 1
-    assert account.ess == pytest.approx(20)
+    account = surveyed(ensemble)
+    assert account.scenario[0] == 0
+    assert account.scenario[1] == pytest.approx(1, abs=1e-14)
+    assert account.status[Status.PENDING] == pytest.approx(1, abs=1e-14)
+    assert account.effective == pytest.approx(20)
 
 
 def test_account_of_wild_weights() -> None:
@@ -53,7 +65,8 @@ def test_account_of_wild_weights() -> None:
     ensemble.status.from_numpy(status)
     p = np.exp(weight.astype(float) - weight.max())
     p /= p.sum()
-    exact = [[p[a:b][status[a:b] == s].sum() for s in range(9)] for a, b in ensemble.scenarios]
-    account = record.account(ensemble)
-    assert account.by_status == pytest.approx(np.array(exact), rel=1e-11, abs=1e-300)
-    assert account.ess == pytest.approx(1 / (p * p).sum(), rel=1e-11)
+    account = surveyed(ensemble)
+    assert account.status == pytest.approx([p[status == s].sum() for s in range(9)], rel=1e-11, abs=1e-300)
+    exact = [p[a:b].sum() for a, b in ensemble.scenarios]
+    assert account.scenario == pytest.approx(exact, rel=1e-11, abs=1e-300)
+    assert account.effective == pytest.approx(1 / (p * p).sum(), rel=1e-11)

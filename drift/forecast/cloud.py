@@ -1,0 +1,114 @@
+"""The particles of a map, read part by part: how far they reach, how fine its cells are to be, what lies in each cell."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drift.forecast import areas, density
+from drift.forecast.likeliest import Shown
+from drift.forecast.survey import Survey
+from drift.particles.snapshot import Output, mapped
+from drift.particles.status import Status
+from geo import cells, sphere
+from geo.array import Array
+from geo.cells import Cells
+
+SAMPLE = 4096  # particles that tell how fine cells are to be
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """What is on the map at a time: its extent, and how fine it would have the cells."""
+
+    west: int  # extent [binary angle], longitudes relative to the common reference
+    east: int
+    south: int
+    north: int
+    spacing: float  # bandwidth [binary angle units]
+
+
+def of(output: Output, known: Survey, centre: int) -> Cloud | None:
+    """Return an output's extent and spacing; None if no probability is on the map.
+
+    centre: the common reference of longitudes [binary angle].
+    """
+    if not known.heaviest > 0:
+        return None
+    sums = known.weight.sums[:, 0, 0]
+    begun = np.concatenate([[0.0], np.cumsum(sums)])  # of each block, in the order of the whole run
+    goals = (np.arange(SAMPLE) + 0.5) / SAMPLE * begun[-1]
+    block_of = np.minimum(np.searchsorted(begun[1:], goals), len(sums) - 1)
+    edges, total, count = [], 0, 0
+    picks: list[Array] = []  # (3, m) of each part: number in the whole run, lon, lat
+    for part in output.parts():
+        there, blocks = mapped(part), part.blocks
+        # int32 subtraction wraps, which gives longitudes relative to the centre in [-180, 180) degrees.
+        lon, lat = np.subtract(part.lon, np.int32(centre)), part.lat
+        if there.any():
+            x, y = lon[there], lat[there]
+            edges.append((x.min(), x.max(), y.min(), y.max()))
+            total, count = total + int(y.sum(dtype=np.int64)), count + len(y)
+        weight, spans = np.where(there, part.probability, 0.0), blocks.spans
+        for here, number in enumerate(np.searchsorted(known.weight.number, blocks.number).tolist()):
+            wanted = goals[slice(*np.searchsorted(block_of, (number, number + 1)))]
+            if wanted.size:
+                running = begun[number] + np.cumsum(weight[spans[here]])
+                slots = np.unique(np.searchsorted(running, wanted).clip(max=len(running) - 1)) + spans[here].start
+                picks.append(np.stack([blocks.places[slots], lon[slots], lat[slots]]))
+    chosen = np.concatenate(picks, axis=1)
+    _, lon, lat = chosen[:, np.argsort(chosen[0])]
+    shrink = float(np.cos(total / count * sphere.UNIT))
+    spacing = density.typical_spacing(lon * shrink, lat.astype(np.float64), known.spread)
+    west, east, south, north = zip(*edges, strict=True)
+    return Cloud(int(min(west)), int(max(east)), int(min(south)), int(max(north)), spacing)
+
+
+def deposits(output: Output, known: Survey, window: Cells, shown: Shown) -> areas.Deposits:
+    """Return what lies in each cell of an output's own, in fixed point: the same in any order."""
+    grid = np.zeros(window.shape[0] * window.shape[1], np.int64)
+    for part in output.parts():
+        there = mapped(part)
+        cell = cells.index(part.lon[there], part.lat[there], window)
+        inside = cell >= 0
+        np.add.at(grid, cell[inside], cells.fixed(part.probability[there])[inside])
+    held = np.flatnonzero(grid > 0)
+    place = np.full(grid.size, -1, np.int32)
+    place[held] = np.arange(held.size)
+    media, level = 2 if known.ashore else 1, known.lightest == known.heaviest
+    mass, squares = (np.zeros(4 * media * held.size, np.int64) for _ in range(2))
+    by_scenario = np.zeros(media * shown.size * held.size, np.int64)
+    shown_as = shown.place
+    for part in output.parts():
+        there = mapped(part)
+        cell = cells.index(part.lon[there], part.lat[there], window)
+        inside = cell >= 0
+        inside[inside] = place[cell[inside]] >= 0
+        there[there] = inside
+        where, weight = place[cell[inside]].astype(np.int64), part.probability[there]
+        amount, ashore = cells.fixed(weight), part.status[there] == Status.ASHORE
+        code = group(part.blocks.places[there], output.n) * media + ashore
+        np.add.at(mass, code * held.size + where, amount)
+        if not level:
+            np.add.at(squares, code * held.size + where, cells.fixed(weight * (weight / known.heaviest)))
+        if shown.size > 1:
+            code = shown_as[part.scenario[there]] * media + ashore
+            np.add.at(by_scenario, code * held.size + where, amount)
+    of_groups = mass.reshape(4, media, -1) / cells.ONE
+    of_squares = of_groups if level else squares.reshape(4, media, -1) / cells.ONE
+    alone = by_scenario.reshape(shown.size, media, -1) / cells.ONE if shown.size > 1 else of_groups.sum(axis=0)[None]
+    return areas.Deposits(held, of_groups, of_squares * known.heaviest, alone)
+
+
+def group(place: Array, n: int) -> Array:
+    """Return the group 0..3 of particles: those of one group are held out of a map together.
+
+    place: their numbers in the whole run, of n particles. It is a hash of the number, the same in runs of up to 32:
+    resampling lays a particle's offspring side by side, and siblings must not sit on both sides of a check.
+    """
+    run = min(max(n // 2048, 1), 32)
+    code = place.astype(np.uint64) // np.uint64(run) + np.uint64(1)
+    with np.errstate(over="ignore"):  # splitmix64 (Steele et al. 2014, doi:10.1145/2660193.2660195)
+        code = code * np.uint64(0x9E3779B97F4A7C15)
+        code = (code ^ (code >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        code = (code ^ (code >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return ((code ^ (code >> np.uint64(31))) >> np.uint64(62)).astype(np.int64)
