@@ -193,7 +193,7 @@ def _drifted(
         moments = simulate.run(
             begin.ensemble, begin.scene, begin.clock, outputs, partial(job.tell, "drift"), landings.watch, search
         )
-        spool = Spool(case.period, begin.ensemble, moments, len(outputs), worlds=case.spill is not None)
+        spool = Spool.of_run(case.period, begin.ensemble, moments, len(outputs), worlds=case.spill is not None)
         snapshots = stack.enter_context(spool)
         start.check_end(case, job.where, begin, snapshots[-1], search)
     done = Drifted(begin.ensemble, snapshots, landings, begin.worlds)
@@ -324,9 +324,10 @@ def _trajectories(case: Case, ensemble: Ensemble, snapshots: Spool) -> Trajector
         slots = np.concatenate([part.blocks.places[part.probability > 0] for part in snapshots.outputs[-1].parts()])
     slot = slots[np.unique(np.linspace(0, slots.size - 1, min(case.trajectories, ensemble.n)).astype(int))]
     way = snapshots.follow(slot)
-    lives, scenario, edge = life.read(ensemble), record.owners(ensemble.bounds)[slot], ensemble.edge.to_numpy()[slot]
+    scenario = record.owners(ensemble.bounds)[slot]
+    release, since, edge = snapshots.at_end(("release", "status_since", "edge"), slot)
     over = life.over(way["status"][:, -1])
-    ended, edge = np.where(over, lives.since[slot], -1), np.where(over, edge, -1)
+    ended, edge = np.where(over, since, -1), np.where(over, edge, -1)
     times = np.array([snapshots.time(k) for k in range(len(snapshots))])
     at = way["lon"], way["lat"], way["status"], way["probability"]
-    return Trajectories(times, slot, scenario, *at, lives.release[slot], ended, edge)
+    return Trajectories(times, slot, scenario, *at, release, ended, edge)

@@ -1,4 +1,4 @@
-"""The particles at all output times, kept in a temporary file.
+"""The particles at all output times, kept in files: a reel of each shard.
 
 Memory holds one time, or a part of it, however many there are.
 """
@@ -8,7 +8,8 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from io import BufferedRandom
 from types import TracebackType
 from typing import NamedTuple, overload
 
@@ -28,9 +29,11 @@ KINDS = {
     name: np.dtype(kind)
     for name, kind in (
         ("lon", np.int32), ("lat", np.int32), ("status", np.uint8), ("log_weight", np.float32),
-        ("ancestors", np.int32), ("family", np.int32),
+        ("ancestors", np.int32), ("family", np.int32), ("world", np.int32), ("release", np.int32),
+        ("status_since", np.int32), ("edge", np.int32),
     )
 }  # fmt: skip
+END = ("log_weight", "release", "status_since", "edge", "world")  # columns of an ensemble that are kept of its end
 PART = 2**17  # slots of a part: 13 MB while something is made of them
 
 
@@ -56,24 +59,26 @@ def _size(count: int) -> str:
     return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.1f} MiB"
 
 
-class Spool(Sequence[Snapshot]):
-    """Snapshots of a run, read back one at a time or part by part; a context, which removes the file at its end."""
+class Taken(NamedTuple):
+    """A moment in a reel's file."""
 
-    def __init__(
-        self, period: Period, ensemble: Ensemble, moments: Iterable[Moment], outputs: int, *, worlds: bool = False
-    ) -> None:
-        """Take up the moments of a run as they come. Weights are theirs, or those that the ensemble has afterwards.
+    time: np.datetime64
+    layout: Layout
+    where: dict[str, int]  # where each column begins
 
-        outputs: the number of moments; worlds: whether particles share unknowns with others of their world.
-        """
-        self._need = ensemble.n * BYTES * outputs
-        _check_room(self._need)
-        try:
-            self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by __exit__
-        except OSError as error:
-            raise _refusal(error.strerror or str(error)) from error
-        self._n, self._end = ensemble.n, 0
-        self._taken: list[_Taken] = []
+
+@dataclass
+class Reel:
+    """What some of a run's particles, whole blocks, were like at all output times, in a file."""
+
+    file: BufferedRandom
+    n: int
+    taken: list[Taken] = field(default_factory=list)
+    end: dict[str, int] = field(default_factory=dict)  # where columns of the end of the run begin
+    _size: int = 0
+
+    def record(self, period: Period, ensemble: Ensemble, moments: Iterable[Moment]) -> None:
+        """Take up the moments of a run as they come, and what its ensemble has at its end."""
         family: Array | None = None  # from which particle of the beginning each descends; None: from itself
         for moment in moments:
             columns = {"lon": moment.lon, "lat": moment.lat, "status": moment.status}
@@ -82,13 +87,77 @@ class Spool(Sequence[Snapshot]):
             if moment.ancestors is not None:
                 family = np.asarray(moment.ancestors if family is None else family[moment.ancestors], np.int32)
                 columns |= {"ancestors": moment.ancestors, "family": family}
-            where = {name: self._keep(np.ascontiguousarray(values, KINDS[name])) for name, values in columns.items()}
+            where = {name: self._keep(name, values) for name, values in columns.items()}
             if family is not None and moment.ancestors is None:
-                where["family"] = self._taken[-1].where["family"]
-            self._taken.append(_Taken(period.time(moment.elapsed), moment.layout, where))
+                where["family"] = self.taken[-1].where["family"]
+            self.taken.append(Taken(period.time(moment.elapsed), moment.layout, where))
+        for name in END:
+            self.end[name] = self._keep(name, getattr(ensemble, name).to_numpy())
+
+    def reweigh(self, log_weight: Array) -> None:
+        """Take weights for all times that have none of their own."""
+        self.end["log_weight"] = self._keep("log_weight", log_weight)
+
+    def _keep(self, name: str, values: Array) -> int:
+        """Append a column to the file, and return where it begins."""
+        begin, column = self._size, np.ascontiguousarray(values, KINDS[name])
+        self.file.seek(begin)
+        self.file.write(column.data)
+        self.file.flush()
+        self._size += column.nbytes
+        return begin
+
+    def read(self, name: str, at: int | None, first: int, last: int) -> Array:
+        """Return a column of some slots, of a moment or of the end of the run (None)."""
+        kind, where = KINDS[name], self.end if at is None else self.taken[at].where
+        self.file.seek(where[name] + first * kind.itemsize)
+        return np.frombuffer(self.file.read((last - first) * kind.itemsize), kind)
+
+    def logs(self, at: int, first: int, last: int) -> Array:
+        """Return the log weights of some slots at a moment: its own, or those of the end."""
+        return self.read("log_weight", at if "log_weight" in self.taken[at].where else None, first, last)
+
+    def spans(self, at: int) -> list[tuple[int, int]]:
+        """Return ranges of blocks of some PART slots each."""
+        blocks = self.taken[at].layout.blocks
+        cuts = np.searchsorted(blocks.first, np.arange(0, self.n, PART))
+        return list(itertools.pairwise(np.unique([*cuts, len(blocks.first)]).tolist()))
+
+    def slots(self, at: int, span: tuple[int, int]) -> tuple[int, int]:
+        """Return the first slot of a range of blocks, and the one after its last."""
+        edges = np.append(self.taken[at].layout.blocks.first, self.n)
+        return int(edges[span[0]]), int(edges[span[1]])
+
+
+class Spool(Sequence[Snapshot]):
+    """Snapshots of a run, read back one at a time or part by part; a context, which closes its files at its end."""
+
+    def __init__(self, reels: Sequence[Reel], *, worlds: bool = False) -> None:
+        """Put the reels of all shards together; worlds: whether particles share unknowns with others of their world."""
+        self._reels, self._worlds = list(reels), worlds
         self._scale: dict[int, tuple[float, float]] = {}  # see _normal
-        self.reweigh(ensemble)
-        self._world = ensemble.world.to_numpy() if worlds else None
+
+    @classmethod
+    def of_run(
+        cls, period: Period, ensemble: Ensemble, moments: Iterable[Moment], outputs: int, *, worlds: bool = False
+    ) -> "Spool":
+        """Take up the moments of a run as they come, in a temporary file that goes when it is closed.
+
+        Weights are theirs, or those that the ensemble has afterwards. outputs: the number of moments.
+        """
+        need = ensemble.n * BYTES * outputs
+        _check_room(need)
+        try:
+            file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by __exit__
+        except OSError as error:
+            raise _refusal(error.strerror or str(error)) from error
+        reel = Reel(file, ensemble.n)
+        try:
+            reel.record(period, ensemble, moments)
+        except OSError as error:
+            file.raw.close()  # what is left in the buffer would fail once more
+            raise _refusal(f"{error.strerror}; all output times need {_size(need)}") from error
+        return cls([reel], worlds=worlds)
 
     def __enter__(self) -> "Spool":
         return self
@@ -96,37 +165,21 @@ class Spool(Sequence[Snapshot]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._file.close()
-
-    def _keep(self, column: Array) -> int:
-        """Append a column to the file, and return where it begins; raise UserError where there is no room for it."""
-        begin = self._end
-        try:
-            self._file.write(column.data)
-            self._file.flush()
-        except OSError as error:
-            self._file.raw.close()  # what is left in the buffer would fail once more
-            raise _refusal(f"{error.strerror}; all output times need {_size(self._need)}") from error
-        self._end += column.nbytes
-        return begin
-
-    def _read(self, taken: "_Taken", name: str, first: int, last: int) -> Array:
-        """Return a column of some slots."""
-        kind = KINDS[name]
-        self._file.seek(taken.where[name] + first * kind.itemsize)
-        return np.frombuffer(self._file.read((last - first) * kind.itemsize), kind)
+        for reel in self._reels:
+            reel.file.close()
 
     def reweigh(self, ensemble: Ensemble) -> None:
         """Take the weights that an ensemble has now, for all times that have none of their own."""
-        self._log_weight = ensemble.log_weight.to_numpy()
+        (reel,) = self._reels
+        reel.reweigh(ensemble.log_weight.to_numpy())
         self._scale.clear()
 
     def time(self, index: int) -> np.datetime64:
         """Return the time of a snapshot."""
-        return self._taken[index].time
+        return self._reels[0].taken[index].time
 
     def __len__(self) -> int:
-        return len(self._taken)
+        return len(self._reels[0].taken)
 
     @overload
     def __getitem__(self, index: int) -> Snapshot: ...
@@ -135,8 +188,9 @@ class Spool(Sequence[Snapshot]):
     def __getitem__(self, index: int | slice) -> Snapshot | list[Snapshot]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
+        (reel,) = self._reels
         at = range(len(self))[index]
-        return self._some(at, 0, len(self._taken[at].layout.blocks.first))
+        return self._some(reel, at, (0, len(reel.taken[at].layout.blocks.first)))
 
     def __iter__(self) -> Iterator[Snapshot]:
         return (self[i] for i in range(len(self)))
@@ -144,49 +198,40 @@ class Spool(Sequence[Snapshot]):
     @property
     def n(self) -> int:
         """Number of particles."""
-        return self._n
+        return sum(reel.n for reel in self._reels)
 
     @property
-    def outputs(self) -> list["Taken"]:
+    def outputs(self) -> list["AtTime"]:
         """All snapshots, to be read part by part."""
-        return [Taken(self, at) for at in range(len(self))]
+        return [AtTime(self, at) for at in range(len(self))]
 
     def parts(self, at: int) -> Iterator[Snapshot]:
         """Return a snapshot in parts of some PART slots."""
-        return (self._some(at, *span) for span in _spans(self._taken[at].layout.blocks))
+        return (self._some(reel, at, span) for reel in self._reels for span in reel.spans(at))
 
-    def _some(self, at: int, begin: int, end: int) -> Snapshot:
-        """Return a range of blocks of a snapshot."""
-        taken, blocks = self._taken[at], self._taken[at].layout.blocks
-        own = blocks.some(begin, end)
-        first = int(blocks.first[begin]) if own.n else 0
-        slots = first, first + own.n
-        lon, lat, status = (self._read(taken, name, *slots) for name in ("lon", "lat", "status"))
+    def _some(self, reel: Reel, at: int, span: tuple[int, int]) -> Snapshot:
+        """Return a range of blocks of a reel's snapshot."""
+        taken = reel.taken[at]
+        own, slots = taken.layout.blocks.some(*span), reel.slots(at, span)
+        lon, lat, status = (reel.read(name, at, *slots) for name in ("lon", "lat", "status"))
         scale, total = self._normal(at)
-        probability = np.exp(self._logs(at, *slots).astype(np.float64) - scale) / total
+        probability = np.exp(reel.logs(at, *slots).astype(np.float64) - scale) / total
         scenario = np.repeat(own.scenario.astype(np.int32), np.diff(own.first, append=own.n))
-        family = self._read(taken, "family", *slots) if "family" in taken.where else None
-        world = None if self._world is None else self._world[slice(*slots)]
+        family = reel.read("family", at, *slots) if "family" in taken.where else None
+        world = reel.read("world", None, *slots) if self._worlds else None
         return Snapshot(taken.time, lon, lat, probability, status.astype(np.int32), scenario, family, world, own)
-
-    def _logs(self, at: int, first: int, last: int) -> Array:
-        """Return the log weights of some slots."""
-        taken = self._taken[at]
-        if "log_weight" in taken.where:
-            return self._read(taken, "log_weight", first, last)
-        return np.asarray(self._log_weight[first:last])
 
     def _normal(self, at: int) -> tuple[float, float]:
         """Return the largest log weight of a snapshot, and the sum of all weights in units of the largest."""
-        blocks = self._taken[at].layout.blocks
-        key = at if "log_weight" in self._taken[at].where else -1  # those of the ensemble are summed once
+        key = at if "log_weight" in self._reels[0].taken[at].where else -1  # those of the end are summed once
         if key not in self._scale:
-            edges = np.append(blocks.first, self._n).tolist()
-            slots = [((begin, end), edges[begin], edges[end]) for begin, end in _spans(blocks)]
-            top = max(float(self._logs(at, *own).max()) for _, *own in slots)
+            spans = [(reel, span) for reel in self._reels for span in reel.spans(at)]
+            top = max(float(reel.logs(at, *reel.slots(at, span)).max()) for reel, span in spans)
             sums = [
-                blocks.some(*span).partial(np.exp(self._logs(at, *own).astype(np.float64) - top))
-                for span, *own in slots
+                reel.taken[at]
+                .layout.blocks.some(*span)
+                .partial(np.exp(reel.logs(at, *reel.slots(at, span)).astype(np.float64) - top))
+                for reel, span in spans
             ]
             self._scale[key] = top, float(partials.merged(sums).total[0, 0])
         return self._scale[key]
@@ -194,43 +239,45 @@ class Spool(Sequence[Snapshot]):
     def follow(self, slots: Array) -> dict[str, Array]:
         """Return what particles were like at all times, as columns lon, lat, status and probability, (m, times).
 
-        slots: of the last time, (m,). What was drawn anew is what its ancestors were before.
+        slots: their numbers at the last time, (m,). What was drawn anew is what its ancestors were before.
         """
         found: dict[str, list[Array]] = {name: [] for name in ("lon", "lat", "status", "probability")}
         for at in range(len(self) - 1, -1, -1):
-            order = np.argsort(slots, kind="stable")
-            columns: dict[str, list[Array]] = {name: [] for name in found}
-            ancestors, first = [], 0
-            for part in self.parts(at):
-                own = slots[order[slice(*np.searchsorted(slots[order], (first, first + part.n)))]] - first
-                for name, values in columns.items():
-                    values.append(getattr(part, name)[own])
-                if "ancestors" in self._taken[at].where:
-                    ancestors.append(self._read(self._taken[at], "ancestors", first, first + part.n)[own])
-                first += part.n
-            back = np.argsort(order, kind="stable")
-            for name, values in columns.items():
-                found[name].append(np.concatenate(values)[back])
-            slots = np.concatenate(ancestors)[back] if ancestors else slots
+            own = {name: np.empty(len(slots), np.float64 if name == "probability" else np.int32) for name in found}
+            before = slots.copy()
+            for reel in self._reels:
+                for span in reel.spans(at):
+                    part = self._some(reel, at, span)
+                    here, which = _within(part.blocks, slots)
+                    for name, values in own.items():
+                        values[which] = getattr(part, name)[here]
+                    if "ancestors" in reel.taken[at].where:
+                        before[which] = reel.read("ancestors", at, *reel.slots(at, span))[here]
+            for name, values in own.items():
+                found[name].append(values)
+            slots = before
         return {name: np.stack(values[::-1], axis=1) for name, values in found.items()}
 
+    def at_end(self, names: Sequence[str], slots: Array) -> tuple[Array, ...]:
+        """Return columns of the ensemble at the end of the run, (m,) each; slots: numbers of particles, (m,)."""
+        columns = tuple(np.empty(len(slots), KINDS[name]) for name in names)
+        for reel in self._reels:
+            here, which = _within(reel.taken[-1].layout.blocks, slots)
+            for name, column in zip(names, columns, strict=True):
+                column[which] = reel.read(name, None, 0, reel.n)[here]
+        return columns
 
-def _spans(blocks: Blocks) -> list[tuple[int, int]]:
-    """Return ranges of blocks of some PART slots each."""
-    cuts = np.searchsorted(blocks.first, np.arange(0, blocks.n, PART))
-    return list(itertools.pairwise(np.unique([*cuts, len(blocks.first)]).tolist()))
 
-
-class _Taken(NamedTuple):
-    """A moment in the file."""
-
-    time: np.datetime64
-    layout: Layout
-    where: dict[str, int]  # where each column begins
+def _within(blocks: Blocks, slots: Array) -> tuple[Array, Array]:
+    """Return which particles of some blocks are asked for, and where they stand among what is asked; slots: numbers."""
+    block = np.searchsorted(blocks.number, slots, "right") - 1
+    inside = slots - blocks.number[block]
+    which = np.flatnonzero((block >= 0) & (inside < np.diff(blocks.first, append=blocks.n)[block]))
+    return (blocks.first[block] + inside)[which], which
 
 
 @dataclass(frozen=True)
-class Taken:
+class AtTime:
     """A snapshot of a spool, to be read part by part: a drift.particles.snapshot.Output."""
 
     spool: Spool

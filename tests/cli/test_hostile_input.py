@@ -185,7 +185,7 @@ def stored(outputs: int = 3, n: int = 1000) -> spool.Spool:
         SimpleNamespace(lon=column, lat=column, status=column, log_weight=column, elapsed=k, ancestors=None)
         for k in range(outputs)
     )
-    return spool.Spool(Period(begin, begin + outputs, 1), ensemble, moments, outputs)  # type: ignore[arg-type]
+    return spool.Spool.of_run(Period(begin, begin + outputs, 1), ensemble, moments, outputs)  # type: ignore[arg-type]
 
 
 def test_room_for_the_particles_is_known_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -145,7 +145,7 @@ def test_a_mixture_of_kalman_filters(tmp_path: Path, across: bool) -> None:
     outputs = np.array([0, 4320, 9000, 21_600])
     moments = simulate.run(begin.ensemble, begin.scene, begin.clock, outputs, search=search)
     before = begin.ensemble.bounds
-    with Spool(asked.period, begin.ensemble, moments, len(outputs)) as snapshots:
+    with Spool.of_run(asked.period, begin.ensemble, moments, len(outputs)) as snapshots:
         begin.scene.forcing.close()
         ensemble = begin.ensemble
         resampled = next(update for update in search.updates.all if update.resampled)
