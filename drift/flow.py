@@ -3,7 +3,7 @@
 import contextlib
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -41,12 +41,14 @@ from drift.search import tables as search_tables
 from drift.search.filter import Noted
 from drift.search.standing import Standing, standing
 from drift.search.updates import Updates
+from drift.shards import divide, work
+from drift.shards import run as shards_run
 from drift.spill import chapter as spill_chapter
 from drift.spill import evidence, renewal
 from drift.spill.renewal import Aftermath, Drifted
 from drift.spill.strandings import Landings
 from drift.spill.worlds import Proposal
-from drift.start import Start
+from drift.start import Stage, Start
 from drift.suspend import chapter as suspend_chapter
 from drift.suspend import decision
 from drift.suspend.further import Planned
@@ -65,36 +67,63 @@ def run(
     backend: str = "cpu",
     overwrite: bool = False,
     report: Report | None = None,
+    memory: float | None = None,
+    shards: int | None = None,
 ) -> Result:
     """Forecast a case; with `out`, write the results there, complete or not at all.
 
     datasets: the xarray.Datasets that the case's sources name; they are only read, and not kept. report is told what is
-    being done and how much of it is done. Raises UserError for all that the user can mend.
+    being done and how much of it is done. memory: [GiB] that it may take, by default half of what is free; a run that
+    needs more is moved in shards, one after another, and with `out` one that was stopped goes on with those that are
+    missing. shards: how many, whatever the memory; no number of them changes a bit of the results. Raises UserError for
+    all that the user can mend.
     """
-    job = opened(case, Options(out, datasets, threads, backend, overwrite, report))
+    job = opened(case, Options(out, datasets, threads, backend, overwrite, report, memory, shards))
     result = forecasted(job)
     write(result, job)
+    if job.out is not None:
+        work.clear(job.out)
     return result
 
 
 @dataclass(frozen=True)
-class Moved:
-    """A run whose particles have been moved, before anything is made of them."""
+class Ended:
+    """A run whose particles have been moved, before anything is made of them; they are read from its snapshots."""
 
-    begin: Start
-    done: Drifted
-    updates: Updates | None
-    posteriors: Posteriors | None
-    after: Aftermath | None
-    begun: Standing | None
+    stage: Stage
+    snapshots: Spool
+    updates: Updates | None = None
+    posteriors: Posteriors | None = None
+    after: Aftermath | None = None
+    begun: Standing | None = None
+
+
+@dataclass(frozen=True)
+class Moved(Ended):
+    """The same of a run in one piece, with what its particles were at its begin and are at its end."""
+
+    begin: Start = field(kw_only=True)
+    done: Drifted = field(kw_only=True)
 
 
 def forecasted(job: Job, noted: Noted | None = None) -> Result:
     """Return the forecast of a job's case; noted: as `moved` takes it."""
-    with job.clock.phase("start"):
-        begin = start.prepare(job.case, job.where)
+    many = divide.number(job.case, job.memory, job.shards)
     with contextlib.ExitStack() as stack:
+        if many > 1:
+            return made(job, _in_shards(job, many, stack))
+        with job.clock.phase("start"):
+            begin = start.prepare(job.case, job.where)
         return made(job, moved(job, begin, stack, noted))
+
+
+def _in_shards(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:
+    """Return a job's run, moved in shards; its particles can be read as long as the stack is open."""
+    with job.clock.phase("start"):
+        whole = divide.prepare(job.case, job.where, many)
+    stack.enter_context(contextlib.closing(whole.stage.scene.forcing))
+    with job.clock.phase("drift"):
+        return Ended(whole.stage, stack.enter_context(shards_run.moved(job, whole)))
 
 
 def moved(job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None) -> Moved:
@@ -115,23 +144,23 @@ def moved(job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | No
 
         with job.clock.phase("finds"):
             done, after = renewal.settle(case.period, case.spill, where.coast, stretches, done, renewed)
-    return Moved(begin, done, updates, posteriors, after, begun)
+    return Moved(begin, done.snapshots, updates, posteriors, after, begun, begin=begin, done=done)
 
 
-def made(job: Job, run: Moved) -> Result:
+def made(job: Job, run: Ended) -> Result:
     """Return what is made of a run that has been moved, whose particles can still be read."""
-    case, where, begin, snapshots = job.case, job.where, run.begin, run.done.snapshots
+    case, where, stage, snapshots = job.case, job.where, run.stage, run.snapshots
     after, updates, posteriors = run.after, run.updates, run.posteriors
     names = [scenario.name for scenario in case.scenarios]
     job.tell("map", 0.0)
     with job.clock.phase("products"):
         end = survey.of(snapshots.outputs[-1], len(names))
-        is_land = scene.land_of(begin.scene)
+        is_land = scene.land_of(stage.scene)
         forecast = forecast_build.build(
             snapshots.outputs, scenarios=names, is_land=is_land, shares=case.areas, grid=case.grid
         )
-        tracks = _trajectories(case, run.done.ensemble, snapshots)
-    summary = facts.numbers(case, where, end, begin, job.clock.seconds)
+        tracks = _trajectories(case, snapshots)
+    summary = facts.numbers(case, where, end, stage, job.clock.seconds)
     off_map = off_grid.warnings(forecast.data)
     summary["warnings"] = particles_left.of_run(forecast.data, case.particles, updates) + off_map
     if after is not None:
@@ -188,14 +217,15 @@ def _drifted(
     outputs = case.period.seconds(case.outputs)
     with job.clock.phase("drift"), contextlib.closing(begin.scene.forcing):
         landings = Landings(begin.ensemble, begin.scene.place.beach.stay > 0)
+        watch = landings.watch if case.spill else None
         beliefs = start.beliefs(case, begin)
         search = start.search(case, begin, beliefs, noted)
         moments = simulate.run(
-            begin.ensemble, begin.scene, begin.clock, outputs, partial(job.tell, "drift"), landings.watch, search
+            begin.ensemble, begin.scene, begin.clock, outputs, partial(job.tell, "drift"), watch, search
         )
         spool = Spool.of_run(case.period, begin.ensemble, moments, len(outputs), worlds=case.spill is not None)
         snapshots = stack.enter_context(spool)
-        start.check_end(case, job.where, begin, snapshots[-1], search)
+        start.check_end(case, job.where, begin, snapshots, search)
     done = Drifted(begin.ensemble, snapshots, landings, begin.worlds)
     return done, search.updates if search else None, beliefs.posteriors if beliefs else None
 
@@ -314,20 +344,19 @@ def origin(
 trace = origin  # its former name
 
 
-def _trajectories(case: Case, ensemble: Ensemble, snapshots: Spool) -> Trajectories:
-    """Return the tracks of slots spread evenly over the ensemble.
+def _trajectories(case: Case, snapshots: Spool) -> Trajectories:
+    """Return the tracks of slots spread evenly over the particles.
 
     The track of what was drawn anew is that of its ancestors before.
     """
-    slots = np.arange(ensemble.n)
+    slots = np.arange(snapshots.n)
     if case.resampling.below > 0:  # slots that are held to spare have no weight
         slots = np.concatenate([part.blocks.places[part.probability > 0] for part in snapshots.outputs[-1].parts()])
-    slot = slots[np.unique(np.linspace(0, slots.size - 1, min(case.trajectories, ensemble.n)).astype(int))]
+    slot = slots[np.unique(np.linspace(0, slots.size - 1, min(case.trajectories, snapshots.n)).astype(int))]
     way = snapshots.follow(slot)
-    scenario = record.owners(ensemble.bounds)[slot]
     release, since, edge = snapshots.at_end(("release", "status_since", "edge"), slot)
     over = life.over(way["status"][:, -1])
     ended, edge = np.where(over, since, -1), np.where(over, edge, -1)
     times = np.array([snapshots.time(k) for k in range(len(snapshots))])
     at = way["lon"], way["lat"], way["status"], way["probability"]
-    return Trajectories(times, slot, scenario, *at, release, ended, edge)
+    return Trajectories(times, slot, way["scenario"][:, -1], *at, release, ended, edge)

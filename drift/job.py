@@ -54,6 +54,8 @@ class Options:
     backend: str = "cpu"
     overwrite: bool = False
     report: Report | None = None
+    memory: float | None = None  # [GiB] that a run may take; None: half of what is free
+    shards: int | None = None  # into which its particles are cut; None: as many as the memory asks for
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,8 @@ class Job:
     tell: Report
     out: Path | None  # None: results are returned, and not written
     overwrite: bool
+    memory: float | None = None  # see Options
+    shards: int | None = None
 
 
 def opened(case: Case, options: Options = Options()) -> Job:
@@ -80,7 +84,7 @@ def opened(case: Case, options: Options = Options()) -> Job:
     tell("read", 0.0)
     with clock.phase("read"):
         where = start.open_for(case, options.datasets)
-    return Job(case, where, clock, tell, folder, options.overwrite)
+    return Job(case, where, clock, tell, folder, options.overwrite, options.memory, options.shards)
 
 
 def _silent(phase: str, share: float) -> None:

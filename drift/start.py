@@ -3,8 +3,9 @@
 Here a case becomes the records that the engine takes; below nothing knows of it.
 """
 
+import contextlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -13,15 +14,18 @@ from drift.case.record import Case
 from drift.environment import domain, environment, lost
 from drift.environment.environment import Common, Environment
 from drift.environment.environment_spec import Coast, EnvironmentSpec
+from drift.environment.silence import Ended
 from drift.motion import models, prior, step_size
 from drift.motion.clock import Clock
 from drift.motion.ensemble_spec import EnsembleSpec, Release
 from drift.motion.forcing import Forcing
 from drift.motion.period import ClockSpec
 from drift.motion.scene import Scene
+from drift.motion.spool import Spool
 from drift.motion.step_size import Trial
+from drift.particles import partials
 from drift.particles.ensemble import Ensemble
-from drift.particles.snapshot import Snapshot
+from drift.particles.status import Status
 from drift.particles.weights import shares
 from drift.posterior.beliefs import Beliefs
 from drift.search.filter import Noted, Search
@@ -38,15 +42,21 @@ from kernels import coast as device_coast
 from kernels.noise import Purpose
 
 
-@dataclass(frozen=True)
-class Start:
-    """All that the first step needs."""
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """What a run goes through, whoever its particles are."""
 
-    ensemble: Ensemble
     dry: tuple[float, ...]  # share of each scenario's prior that is on land
     scene: Scene
     clock: Clock
     trial: Trial | None  # why "auto" chose its step
+
+
+@dataclass(frozen=True, kw_only=True)
+class Start(Stage):
+    """All that the first step of a run needs."""
+
+    ensemble: Ensemble
     worlds: Worlds | None = None  # of a spill
 
 
@@ -97,7 +107,7 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     shore: the coast, where it lies on the device already.
     Raises UserError when a prior lies on land or where there is no forcing, or when the step is too long.
     """
-    spec, asked = ensemble_spec(case), clock_spec(case)
+    spec = ensemble_spec(case)
     shore = device_coast.upload(where.coast) if where.coast and not shore else shore
     worlds, sinks = None, False
     if case.spill:
@@ -108,19 +118,46 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
         sinks = any(kind.sinking for kind in case.spill.kinds)
     else:
         drawn = prior.draw(spec, shore)
-        ensemble, dry = drawn.ensemble, drawn.dry
+        ensemble, dry = drawn.ensemble, prior.dry(spec, drawn.tried, shore)
+    stage = staged(case, where, shore, ensemble, dry, sinks=sinks)
+    with closed_on_failure(stage):
+        lacks = lost.lacking(where.box, ensemble, stage.scene, stage.clock)
+        lost.check_prior(spec, where, case.max_lost, stage.scene, lacks)
+    return Start(**vars(stage), ensemble=ensemble, worlds=worlds)
+
+
+def staged(
+    case: Case,
+    where: Environment,
+    shore: device_coast.DeviceCoast | None,
+    some: Ensemble,
+    dry: tuple[float, ...],
+    *,
+    sinks: bool = False,
+) -> Stage:
+    """Return what a run goes through; some: its particles, or as many as tell how long steps may be."""
+    asked = clock_spec(case)
     forcing = Forcing(list(where.scenarios), case.direction)
     try:
         beach, bias = _beach(case.coast), case.current_error.bias > 0
         place = advance.Surroundings(domain.binary(where.box), shore, beach, bias, sinks, scheme=asked.scheme)
         steering = models.steering(case.scenarios, case.period, case.errors)
-        stage = Scene(forcing, models.motions(case.errors, case.scenarios), place, steering)
-        clock, trial = step_size.clock_of(case.period, asked, case.errors, where.sources, ensemble, stage)
-        lost.check_prior(spec, where, case.max_lost, ensemble, stage, clock)
+        scene = Scene(forcing, models.motions(case.errors, case.scenarios), place, steering)
+        clock, trial = step_size.clock_of(case.period, asked, case.errors, where.sources, some, scene)
     except BaseException:
         forcing.close()
         raise
-    return Start(ensemble, dry, stage, clock, trial, worlds)
+    return Stage(dry=dry, scene=scene, clock=clock, trial=trial)
+
+
+@contextlib.contextmanager
+def closed_on_failure(stage: Stage) -> Iterator[None]:
+    """Close the forcing of a run where something goes wrong inside."""
+    try:
+        yield
+    except BaseException:
+        stage.scene.forcing.close()
+        raise
 
 
 def stretches(case: Case, where: Environment, begin: Start) -> Segments | None:
@@ -176,15 +213,26 @@ def _is_searched(case: Case) -> bool:
     return bool(overdue or case.sorties or case.contacts or case.sensors.telling)
 
 
-def check_end(case: Case, where: Environment, begin: Start, end: Snapshot, search: Search | None) -> None:
+def check_end(case: Case, where: Environment, begin: Stage, snapshots: Spool, search: Search | None) -> None:
     """Refuse a run that lost more than the case allows, by weights as if no sortie had been flown.
 
     What is lost is a matter of the motion: a good search that finds nothing leaves what it could not reach, and is not
     to be refused for that.
     """
-    if search is not None:
-        end = replace(end, probability=shares(search.unsearched))
-    lost.check_end(where, case.max_lost, begin.ensemble, begin.scene, begin.clock, end)
+    weight = None if search is None else shares(search.unsearched)
+
+    def ends() -> Iterator[Ended]:
+        for part in snapshots.outputs[-1].parts():
+            place = part.blocks.places
+            own = part if weight is None else replace(part, probability=weight[place])
+            yield Ended(own, *snapshots.at_end(("status_since",), place))
+
+    sums = [
+        end.snapshot.blocks.partial(end.snapshot.probability, code=end.snapshot.status, many=len(Status))
+        for end in ends()
+    ]
+    status = partials.merged(sums).total[:, 0]
+    lost.check_end(where, case.max_lost, begin.scene, begin.clock, status, ends)
 
 
 def _beach(coast: Coast) -> advance.Beach:

@@ -26,6 +26,7 @@ settled  what is settled at the birth of a target that steers, and stands in no 
 sweep    what a sensor's track does to each particle: exposure, and the weights that it leaves
 touch    whether a Brownian bridge touches a line, stays in a box or a disc
 observe  what a line or a field tells of a piece of way, straight or a bridge
+probe    values by which one processor's arithmetic is told from another's
 allocate what effort that is spread over cells finds
 rectangles  what rectangles searched by parallel sweeps find
 sweeps   what legs that are flown find

@@ -48,6 +48,13 @@ def quantity(text: str, unit: str, option: str, example: str) -> float:
     return number
 
 
+def memory(text: str | None) -> float | None:
+    """Return a size of memory [GiB]; None where none is given."""
+    if text is None:
+        return None
+    return quantity(text, "GiB", "--memory", "4 GB")
+
+
 def probable_error(text: str) -> float:
     """Return the standard deviation [m] in each component of errors of which half are within a radius."""
     from drift.case import units

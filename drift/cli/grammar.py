@@ -53,6 +53,7 @@ def parser() -> Parser:
     run = commands.add_parser("run", help="forecast a case and write maps and tables")
     _add_case(run)
     _add_results(run, "NAME-forecast")
+    _add_scale(run)
 
     plan = commands.add_parser(
         "plan", help="plan the next search of a case with its units, or the next patrols of a spill"
@@ -145,6 +146,16 @@ def _add_results(command: argparse.ArgumentParser, folder: str) -> None:
     command.add_argument("--backend", choices=BACKENDS, default="cpu", help="where the particles move (default: cpu)")
     command.add_argument("--overwrite", action="store_true", help="replace results that the folder holds")
     _add_output(command)
+
+
+def _add_scale(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--memory", metavar="SIZE", help='memory that it may take, as "4 GB" (default: half of what is free); more particles '
+        "than fit are moved in shards, and a run that was stopped goes on with those that are missing",
+    )  # fmt: skip
+    command.add_argument(
+        "--shards", type=int, metavar="N", help="cut the particles into so many shards; the result doesn't change"
+    )
 
 
 def _add_output(command: argparse.ArgumentParser, *, quiet: bool = True) -> None:

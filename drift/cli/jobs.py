@@ -20,7 +20,7 @@ def run(given: argparse.Namespace) -> Answer:
         from drift.cli import outcome
         from drift.forecast import tables
 
-        result = flow.run(case, out, **options)
+        result = flow.run(case, out, memory=take.memory(given.memory), shards=given.shards, **options)
     made = result.summary["run"]
     last = {**tables.numbers(result.forecast), **result.summary}
     told = outcome.spill(last) if case.spill else outcome.forecast(last)

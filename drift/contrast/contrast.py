@@ -140,7 +140,7 @@ def _begun(job_a: Job, job_b: Job) -> tuple[Start, Start, list[str]]:
 
 def _at(run: Moved, times: list[np.datetime64]) -> list[Snapshot]:
     """Return the snapshots of a run at some of its output times."""
-    spool = run.done.snapshots
+    spool = run.snapshots
     return [spool[k] for k in range(len(spool)) if spool.time(k) in times]
 
 
@@ -179,7 +179,7 @@ class _Output(NamedTuple):
 
 
 def _output(run: Moved, result: Result, time: np.datetime64) -> _Output:
-    spool = run.done.snapshots
+    spool = run.snapshots
     place = next(k for k in range(len(spool)) if spool.time(k) == time)
     return _Output(spool[place], result.forecast, place)
 
@@ -196,7 +196,7 @@ def _land(run: Moved, grid: Cells) -> Array | None:
 
 def _of_run(run_a: Moved, run_b: Moved, logs: tuple[detection.Log, detection.Log], drawn: Units) -> list[Difference]:
     """Return the differences of figures of the run as a whole."""
-    end = run_a.done.snapshots.time(len(run_a.done.snapshots) - 1)
+    end = run_a.snapshots.time(len(run_a.snapshots) - 1)
     if run_a.after and run_b.after:
         a = washup.figures(run_a.after, run_a.done.ensemble.seed)
         b = washup.figures(run_b.after, run_b.done.ensemble.seed)

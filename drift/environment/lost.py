@@ -1,23 +1,25 @@
 """Refusals of a run that would lose more than it may, to places without forcing or outside of the domain."""
 
 import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from drift.environment import domain, silence
 from drift.environment.environment import Environment
+from drift.environment.silence import Ended
 from drift.motion.clock import Clock
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.forcing import Term
 from drift.motion.scene import Scene
-from drift.particles import ensemble as record
+from drift.particles import partials
 from drift.particles.ensemble import Ensemble
-from drift.particles.partials import Blocks
-from drift.particles.snapshot import Snapshot
+from drift.particles.partials import Partial
 from drift.particles.status import LOST, Status
 from geo import notation, sphere
+from geo.array import Array
 from geo.box import Box
 from geo.errors import UserError
 from geo.forcing.quantity import needed
@@ -26,30 +28,77 @@ from geo.forcing.sources import Source
 MANY = 10  # scenarios of which a refusal tells
 
 
-def check_prior(
-    spec: EnsembleSpec, where: Environment, max_lost: float, ensemble: Ensemble, scene: Scene, clock: Clock
-) -> None:
-    """Refuse a prior of which more than a share lies where there is no forcing, or outside the domain."""
+@dataclass(frozen=True)
+class Lacking:
+    """What of a prior, or of a shard's part of it, lies outside the domain or where there is no forcing.
+
+    Each is summed with the vectors of its places, by block: see `_placed`.
+    """
+
+    weight: Partial  # of all particles, (1,)
+    beyond: Partial  # outside the domain
+    missing: Mapping[str, Partial]  # by quantity: where one of its terms or more have no value, (1,)
+    # By quantity, number of the sea (see _seas) and number of the term in it: where that has no value; and, last, the
+    # weight of all that see it.
+    silent: Mapping[tuple[str, int, int], Partial]
+
+
+def lacking(box: Box, ensemble: Ensemble, scene: Scene, clock: Clock) -> Lacking:
+    """Return what of an initial ensemble lacks forcing as the run begins."""
     low, high, _ = next(clock.steps())
     scene.forcing.set(low, high)
     lon, lat = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
+    every = np.exp(ensemble.log_weight.to_numpy().astype(np.float64))
     # What is released later may find a value where a source has none yet, so the run itself judges it.
-    probability = np.where(ensemble.release.to_numpy() <= clock.step, record.probability(ensemble), 0.0)
-    _check_domain(where.box, max_lost, ensemble, probability)
-    blocks, seas = ensemble.blocks, _seas(scene)
-    for quantity in needed():
-        missing, places = 0.0, []
-        for sea in seas:
-            slots = np.concatenate([np.arange(*ensemble.scenarios[number]) for number in sea])
-            x, y, weight = lon[slots], lat[slots], probability[slots]
-            everywhere = np.ones(slots.size, bool)  # whether all terms have a value there
-            for of, term, valid in silence.terms(scene.forcing, sea[0], x, y):
-                if of == quantity:
-                    everywhere &= valid
-                    lost = np.where(valid, 0.0, weight)
-                    places += _without(spec, where, ensemble, quantity, term, sea, (x, y, weight, lost, slots))
-            missing += blocks.total(np.where(everywhere, 0.0, weight), slots)
+    weight = np.where(ensemble.release.to_numpy() <= clock.step, every, 0.0)
+    west, south, width, height = domain.binary(box)
+    x, y = lon.astype(np.int64), lat.astype(np.int64)
+    beyond = ((x - west) % sphere.TURN > width) | (y < south) | (y > south + height)
+    blocks = ensemble.blocks
+    missing: dict[str, list[Partial]] = {quantity: [] for quantity in needed()}
+    silent: dict[tuple[str, int, int], Partial] = {}
+    for number, sea in enumerate(_seas(scene)):
+        slots = np.concatenate([np.arange(*ensemble.scenarios[scenario]) for scenario in sea])
+        x, y, own = lon[slots], lat[slots], weight[slots]
+        valued = {quantity: np.ones(slots.size, bool) for quantity in needed()}  # where all terms have a value
+        for k, (quantity, _, valid) in enumerate(silence.terms(scene.forcing, sea[0], x, y)):
+            valued[quantity] &= valid
+            silent[quantity, number, k] = blocks.partial(*_placed(x, y, np.where(valid, 0.0, own)), own, slots=slots)
+        for quantity, there in valued.items():
+            missing[quantity].append(blocks.partial(np.where(there, 0.0, own), slots=slots))
+    together = {
+        quantity: replace(parts[0], sums=np.sum([part.sums for part in parts], axis=0))
+        for quantity, parts in missing.items()
+    }
+    return Lacking(
+        blocks.partial(every), blocks.partial(*_placed(lon, lat, np.where(beyond, weight, 0.0))), together, silent
+    )
+
+
+def merged(parts: Sequence[Lacking]) -> Lacking:
+    """Return what all shards lack."""
+    first = parts[0]
+    return Lacking(
+        partials.merged([part.weight for part in parts]),
+        partials.merged([part.beyond for part in parts]),
+        {key: partials.merged([part.missing[key] for part in parts]) for key in first.missing},
+        {key: partials.merged([part.silent[key] for part in parts]) for key in first.silent},
+    )
+
+
+def check_prior(spec: EnsembleSpec, where: Environment, max_lost: float, scene: Scene, lacks: Lacking) -> None:
+    """Refuse a prior of which more than a share lies where there is no forcing, or outside the domain."""
+    whole = float(lacks.weight.total[0, 0])
+    _check_domain(where.box, max_lost, lacks.beyond.total[0] / whole)
+    for quantity, partial in lacks.missing.items():
+        missing = float(partial.total[0, 0]) / whole
         if missing > max_lost:
+            places = []
+            for (of, sea, k), sums in lacks.silent.items():
+                if of == quantity:
+                    numbers = _seas(scene)[sea]
+                    term = [term for own in needed() for term in scene.forcing.terms[numbers[0]][own]][k]
+                    places += _without(spec, where, quantity, term, numbers, sums)
             summed = any(key[0] == quantity for named in where.scenarios for key in named.added)
             raise UserError(
                 f"[[{quantity}]]: {missing:.0%} of the prior lies where there is no {quantity} ({_some(places)}); "
@@ -68,30 +117,19 @@ def _seas(scene: Scene) -> list[tuple[int, ...]]:
 
 
 def _without(
-    spec: EnsembleSpec,
-    where: Environment,
-    ensemble: Ensemble,
-    quantity: str,
-    term: Term,
-    sea: tuple[int, ...],
-    prior: tuple[npt.NDArray[Any], ...],
+    spec: EnsembleSpec, where: Environment, quantity: str, term: Term, sea: tuple[int, ...], sums: Partial
 ) -> list[tuple[int, str]]:
-    """Return numbers of the scenarios of a sea that lie where a term has no value, and in words how much, and where.
-
-    prior: of the sea's slots lon, lat [binary angle], the probability, what of it has no value, and the slots.
-    """
-    x, y, weight, lost, slots = prior
-    if not lost.any():
-        return []
-    found, blocks = [], ensemble.blocks
-    missed, whole = blocks.partial(lost, weight, slots=slots).by_scenario[:, 0].T
-    for number in (number for number in sea if missed[number] > 0):
-        first, last = ensemble.scenarios[number]
-        own = (slots >= first) & (slots < last)
-        middle = _middle(blocks, x[own], y[own], lost[own], slots[own])
+    """Return numbers of the scenarios of a sea that lie where a term has no value, and in words how much, and where."""
+    found = []
+    by_scenario = sums.by_scenario[:, 0]
+    for number in sea:
+        lost, *vector, whole = by_scenario[number]
+        if not lost > 0:
+            continue
+        middle = _middle(vector)
         silent = [source for source in where.scenarios[number].of(quantity) if source.name in term.names]
         away = ", ".join(f'"{source.name}" {_away(source, *middle)}' for source in silent)
-        share, name = missed[number] / max(whole[number], 1e-300), spec.scenarios[number].name
+        share, name = lost / max(whole, 1e-300), spec.scenarios[number].name
         found.append((number, f'{share:.0%} of {spec.story} "{name}", about {notation.position(*middle)}: {away}'))
     return found
 
@@ -103,14 +141,16 @@ def _some(places: list[tuple[int, str]]) -> str:
 
 
 def check_end(
-    where: Environment, max_lost: float, ensemble: Ensemble, scene: Scene, clock: Clock, end: Snapshot
+    where: Environment, max_lost: float, scene: Scene, clock: Clock, status: Array, ends: Callable[[], Iterable[Ended]]
 ) -> None:
-    """Refuse a run that has lost more than a share of the probability by its end."""
-    by_status = end.blocks.table(end.status, len(Status), end.probability)
-    lost = {status: float(by_status[status]) for status in LOST}
+    """Refuse a run that has lost more than a share of the probability by its end.
+
+    status: probability of each status, (statuses,); ends: gives the particles, part by part.
+    """
+    lost = {of: float(status[of]) for of in LOST}
     if sum(lost.values()) <= max_lost:
         return
-    box, silent = where.box, silence.in_words(silence.lost(scene.forcing, clock, ensemble, end))
+    box, silent = where.box, silence.in_words(silence.lost(scene.forcing, clock, ends))
     raise UserError(
         f"{sum(lost.values()):.0%} of the probability was lost by the end: {lost[Status.OUTSIDE]:.0%} ran out of "
         f"forcing{f' (no value: {silent})' if silent else ''}, {lost[Status.LEFT]:.0%} left the domain "
@@ -119,16 +159,12 @@ def check_end(
     )
 
 
-def _check_domain(box: Box, max_lost: float, ensemble: Ensemble, probability: npt.NDArray[Any]) -> None:
-    """Refuse a prior of which more than a share lies outside the domain."""
-    west, south, width, height = domain.binary(box)
-    lon, lat = ensemble.lon.to_numpy().astype(np.int64), ensemble.lat.to_numpy().astype(np.int64)
-    beyond = ((lon - west) % sphere.TURN > width) | (lat < south) | (lat > south + height)
-    lost = np.where(beyond, probability, 0.0)
-    share = ensemble.blocks.total(lost)
+def _check_domain(box: Box, max_lost: float, beyond: Array) -> None:
+    """Refuse a prior of which more than a share lies outside the domain; beyond: that share, with its place."""
+    share, *vector = beyond
     if share <= max_lost:
         return
-    x, y = _middle(ensemble.blocks, ensemble.lon.to_numpy(), ensemble.lat.to_numpy(), lost)
+    x, y = _middle(vector)
     raise UserError(
         f"[domain]: {share:.0%} of the prior lies outside it, about {notation.position(x, y)}, from where it is "
         f"{_edge(box, x, y)} to its edge ({box.west:.2f}..{box.east:.2f} E {box.south:.2f}..{box.north:.2f} N); "
@@ -136,22 +172,16 @@ def _check_domain(box: Box, max_lost: float, ensemble: Ensemble, probability: np
     )
 
 
-def _middle(
-    blocks: Blocks,
-    lon: npt.NDArray[np.int32],
-    lat: npt.NDArray[np.int32],
-    weight: npt.NDArray[Any],
-    slots: npt.NDArray[Any] | None = None,
-) -> tuple[float, float]:
-    """Return the weighted mean position (lon, lat) [deg] of particles [binary angles].
-
-    It is the direction of their mean vector. slots: of these particles, by default all.
-    """
+def _placed(lon: Array, lat: Array, weight: Array) -> tuple[Array, ...]:
+    """Return weights (n,), and these times the unit vectors of places [binary angle]."""
     x, y = lon * sphere.UNIT, lat * sphere.UNIT
-    vector = np.cos(y) * np.cos(x), np.cos(y) * np.sin(x), np.sin(y)
-    mean = [blocks.total(weight * part, slots) for part in vector]
-    middle = math.atan2(mean[1], mean[0]), math.atan2(mean[2], math.hypot(mean[0], mean[1]))
-    return math.degrees(middle[0]), math.degrees(middle[1])
+    return weight, weight * np.cos(y) * np.cos(x), weight * np.cos(y) * np.sin(x), weight * np.sin(y)
+
+
+def _middle(vector: Sequence[float]) -> tuple[float, float]:
+    """Return the position (lon, lat) [deg] in the direction of a vector."""
+    east, north, up = vector
+    return math.degrees(math.atan2(north, east)), math.degrees(math.atan2(up, math.hypot(east, north)))
 
 
 def _away(source: Source, lon: float, lat: float) -> str:

@@ -1,13 +1,14 @@
 """Which sources have no value where particles are, and which of them ended the way of those that are lost."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from drift.motion.clock import Clock
 from drift.motion.forcing import Forcing, Term
-from drift.particles.ensemble import Ensemble
+from drift.particles import partials
 from drift.particles.snapshot import Snapshot
 from drift.particles.status import Status
 from geo import sphere
@@ -32,30 +33,51 @@ def terms(
             yield quantity, term, forcing.tiles.at(term.first, term.last, lon, lat, fraction)[:, 2] > 0.5
 
 
-def lost(forcing: Forcing, clock: Clock, ensemble: Ensemble, end: Snapshot) -> Shares:
+class Ended(NamedTuple):
+    """Some of the particles at the end of a run, and when the status of each began [s after start], (n,)."""
+
+    snapshot: Snapshot
+    since: Array
+
+
+def lost(forcing: Forcing, clock: Clock, ends: Callable[[], Iterable[Ended]]) -> Shares:
     """Return how much of the probability ran out of forcing where a term had no value.
 
-    end: of the run. The search looks where a particle stayed, at the begin and the end of the step that it could not
-    make, then ahead of it along the current. A gap to which only its leeway led is not found.
+    ends: gives all particles at the end of the run, part by part. The search looks where a particle stayed, at the begin
+    and the end of the step that it could not make, then ahead of it along the current. A gap to which only its leeway
+    led is not found.
     """
-    ended, outside, probability = ensemble.status_since.to_numpy(), end.status == Status.OUTSIDE, end.probability
     steps = [(step.elapsed, low, high) for low, high, step in clock.steps()]
-    number = np.searchsorted([elapsed for elapsed, _, _ in steps], ended, "right") - 1
-    # Particles released before the first step, and pending ones, are not outside: their number does not matter.
-    by_step = ensemble.blocks.table(number.clip(0), len(steps), np.where(outside, probability, 0.0))
-    chosen = [k for k in np.argsort(-by_step, kind="stable")[:MOST] if by_step[k] > 0]
+    begins = [elapsed for elapsed, _, _ in steps]
+
+    def stuck(end: Ended) -> tuple[Array, Array]:
+        """Return the probability of particles where they are outside, and the number of the step they could not make.
+
+        Particles released before the first step, and pending ones, are not outside: their number does not matter.
+        """
+        outside = end.snapshot.status == Status.OUTSIDE
+        number = (np.searchsorted(begins, end.since, "right") - 1).clip(0)
+        return np.where(outside, end.snapshot.probability, 0.0), number
+
+    sums = [
+        end.snapshot.blocks.partial(p, code=number, many=len(steps)) for end in ends() for p, number in [stuck(end)]
+    ]
+    by_step = partials.merged(sums).total[:, 0]
+    chosen = [int(k) for k in np.argsort(-by_step, kind="stable")[:MOST] if by_step[k] > 0]
     shares: Shares = {}
-    for k in chosen:
-        _, low, high = steps[k]
-        forcing.set(low, high)
-        for scenario, (first, last) in enumerate(ensemble.scenarios):
-            slots = first + np.flatnonzero(outside[first:last] & (number[first:last] == k))
-            for ahead in AHEAD:
-                if slots.size:
-                    time = ahead * clock.direction * clock.step
-                    lon, lat = _along(forcing, scenario, end.lon[slots], end.lat[slots], time)
-                    share = partial(ensemble.blocks.total, slots=slots)
-                    slots = slots[_add_silent(shares, forcing, scenario, lon, lat, probability[slots], share)]
+    for end in ends():
+        probability, number = stuck(end)
+        for k in chosen:
+            _, low, high = steps[k]
+            forcing.set(low, high)
+            for scenario in np.unique(end.snapshot.scenario).tolist():
+                slots = np.flatnonzero((probability > 0) & (number == k) & (end.snapshot.scenario == scenario))
+                for ahead in AHEAD:
+                    if slots.size:
+                        time = ahead * clock.direction * clock.step
+                        lon, lat = _along(forcing, scenario, end.snapshot.lon[slots], end.snapshot.lat[slots], time)
+                        share = partial(end.snapshot.blocks.total, slots=slots)
+                        slots = slots[_add_silent(shares, forcing, scenario, lon, lat, probability[slots], share)]
     scale = float(by_step.sum() / by_step[chosen].sum()) if chosen else 1.0
     return {key: share * scale for key, share in shares.items()}
 

@@ -16,8 +16,8 @@ from drift.motion.models import MODELS
 from drift.motion.period import Period
 from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 from drift.particles import ensemble as record
-from drift.particles import resample
-from drift.particles.ensemble import Ensemble, Slots
+from drift.particles import partials, resample
+from drift.particles.ensemble import Ensemble, Layout, Slots
 from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
@@ -31,23 +31,30 @@ PIECE = 20_000.0  # [m] longest piece of a great-circle leg with one course: it 
 
 @dataclass(frozen=True)
 class Prior:
-    """The initial ensemble, and the share of each scenario's prior that lay on land and was left out."""
+    """Particles as they begin, and how their places were drawn."""
 
     ensemble: Ensemble
-    dry: tuple[float, ...]
+    tried: Array  # int64 (scenarios, 2): places drawn, and particles that found none in water
 
 
-def draw(spec: EnsembleSpec, coast: DeviceCoast | None) -> Prior:
-    """Return the initial ensemble of scenarios, conditioned on water.
+def layout(spec: EnsembleSpec) -> Layout:
+    """Return which slots belong to which scenario, of a whole run.
 
-    Raises UserError when a scenario's prior holds next to no water.
+    Raises UserError where there are fewer particles than scenarios.
     """
     if spec.particles < len(spec.scenarios):
         raise UserError(
             f"particles: {spec.particles} cannot tell {len(spec.scenarios)} scenarios; give at least one each"
         )
-    counts = counts_of(spec)
-    ensemble = record.empty(spec.seed, _bounds(spec, counts), models.columns(spec.scenarios))
+    bounds = _bounds(spec, counts_of(spec))
+    return Layout(bounds, bounds[:-1], (partials.BLOCK,) * len(spec.scenarios))
+
+
+def draw(spec: EnsembleSpec, coast: DeviceCoast | None, own: Layout | None = None) -> Prior:
+    """Return the initial ensemble of scenarios, conditioned on water; own: of a shard, by default of the whole run."""
+    whole = layout(spec)
+    own = own or whole
+    ensemble = record.empty(spec.seed, own, models.columns(spec.scenarios))
     key = noise.key(spec.seed)
     tried: list[tuple[int, int]] = []
     for scenario, slots in zip(spec.scenarios, ensemble.slots, strict=True):
@@ -62,17 +69,29 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None) -> Prior:
     begun = np.array(tried)
     if steering:
         begun = begun + steer.draw(ensemble, steering, coast)
-    dry = [_dry(spec, number, ensemble.slots[number], begun[number], coast) for number in range(len(begun))]
-    ensemble.log_weight.from_numpy(_log_weights(spec, ensemble, counts))
-    if ensemble.n > sum(counts):
-        spare = np.concatenate([np.arange(b - a) >= c for (a, b), c in zip(ensemble.scenarios, counts, strict=True)])
+    counts = counts_of(spec)
+    within = ensemble.places - np.repeat(whole.bounds[:-1], np.diff(own.bounds))  # number in its scenario
+    spare = within >= np.repeat(counts, np.diff(own.bounds))
+    ensemble.log_weight.from_numpy(_log_weights(spec, ensemble, counts, spare))
+    if spare.any():
         ensemble.status.from_numpy(np.where(spare, int(Status.LEFT), ensemble.status.to_numpy()).astype(np.int32))
-    return Prior(ensemble, tuple(dry))
+    return Prior(ensemble, begun)
 
 
-def _dry(spec: EnsembleSpec, number: int, slots: Slots, tried: Array, coast: DeviceCoast | None) -> float:
+def dry(spec: EnsembleSpec, tried: Array, coast: DeviceCoast | None) -> tuple[float, ...]:
+    """Return the share of each scenario's prior that lies on land and was left out.
+
+    tried: of all particles of the run. Raises UserError when a scenario's prior holds next to no water.
+    """
+    return tuple(
+        _dry(spec, number, many, tried[number], coast)
+        for number, many in enumerate(np.diff(layout(spec).bounds).tolist())
+    )
+
+
+def _dry(spec: EnsembleSpec, number: int, many: int, tried: Array, coast: DeviceCoast | None) -> float:
     """Return the share of a scenario's prior that lies on land; refuse one that holds next to no water."""
-    (drawn, failed), many = tried, slots.last - slots.first
+    drawn, failed = tried
     if failed:
         fault = "its area is too thin to draw from" if coast is None else "its prior lies on land, or is too thin"
         raise UserError(
@@ -99,18 +118,18 @@ def _bounds(spec: EnsembleSpec, counts: list[int]) -> tuple[int, ...]:
     return (0, *(int(x) for x in np.cumsum(counts)))
 
 
-def _log_weights(spec: EnsembleSpec, ensemble: Ensemble, counts: list[int]) -> Array:
-    log_weight = np.full(ensemble.n, -np.inf, np.float32)
-    for scenario, (first, _), count in zip(spec.scenarios, ensemble.scenarios, counts, strict=True):
-        last = first + count
+def _log_weights(spec: EnsembleSpec, ensemble: Ensemble, counts: list[int], spare: Array) -> Array:
+    """Return log weights (n,), of which those of a scenario add up to its own over the whole run."""
+    each = []
+    for scenario, count in zip(spec.scenarios, counts, strict=True):
         if count == 0 and scenario.weight > 0:
             raise UserError(
-                f'scenario "{scenario.name}" gets none of the {ensemble.n} particles; raise particles or lower the '
+                f'scenario "{scenario.name}" gets none of the {spec.particles} particles; raise particles or lower the '
                 "number of scenarios"
             )
         with np.errstate(divide="ignore"):
-            log_weight[first:last] = np.log(scenario.weight) - np.log(max(last - first, 1))
-    return log_weight
+            each.append(np.log(scenario.weight) - np.log(max(count, 1)))
+    return np.where(spare, -np.inf, np.repeat(each, np.diff(ensemble.bounds))).astype(np.float32)
 
 
 class _Draw(NamedTuple):

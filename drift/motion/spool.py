@@ -237,11 +237,11 @@ class Spool(Sequence[Snapshot]):
         return self._scale[key]
 
     def follow(self, slots: Array) -> dict[str, Array]:
-        """Return what particles were like at all times, as columns lon, lat, status and probability, (m, times).
+        """Return what particles were like at all times, as columns lon, lat, status, scenario and probability, (m, times).
 
         slots: their numbers at the last time, (m,). What was drawn anew is what its ancestors were before.
         """
-        found: dict[str, list[Array]] = {name: [] for name in ("lon", "lat", "status", "probability")}
+        found: dict[str, list[Array]] = {name: [] for name in ("lon", "lat", "status", "scenario", "probability")}
         for at in range(len(self) - 1, -1, -1):
             own = {name: np.empty(len(slots), np.float64 if name == "probability" else np.int32) for name in found}
             before = slots.copy()
@@ -263,8 +263,10 @@ class Spool(Sequence[Snapshot]):
         columns = tuple(np.empty(len(slots), KINDS[name]) for name in names)
         for reel in self._reels:
             here, which = _within(reel.taken[-1].layout.blocks, slots)
-            for name, column in zip(names, columns, strict=True):
-                column[which] = reel.read(name, None, 0, reel.n)[here]
+            if which.size:
+                first, last = int(here.min()), int(here.max()) + 1
+                for name, column in zip(names, columns, strict=True):
+                    column[which] = reel.read(name, None, first, last)[here - first]
         return columns
 
 

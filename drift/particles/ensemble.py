@@ -4,6 +4,7 @@ Columns lie on the device (opaque here: only `kernels` touches them) and keep th
 contiguous, so that a scenario is a range of slots.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -71,6 +72,19 @@ class Layout:
     def blocks(self) -> Blocks:
         """The blocks by which sums over particles are made."""
         return partials.cut(self.bounds, self.numbers, self.block)
+
+    def shards(self, many: int) -> "list[Layout]":
+        """Return the layouts of about as many shards: of whole blocks, one after another."""
+        edges = np.append(self.blocks.first, self.blocks.n)
+        cuts = np.unique(np.rint(np.linspace(0, len(edges) - 1, many + 1)).astype(int))
+        return [self.some(int(edges[a]), int(edges[b])) for a, b in itertools.pairwise(cuts.tolist())]
+
+    def some(self, first: int, last: int) -> "Layout":
+        """Return the layout of a range of slots, from the begin of a block to the end of one."""
+        edges = np.clip(self.bounds, first, last)
+        shift = np.array(self.numbers) - np.array(self.bounds[:-1])
+        numbers = tuple(int(x) for x in edges[:-1] + shift)
+        return Layout(tuple(int(x) for x in edges - first), numbers, self.block)
 
     def batch(self, scenarios: tuple[int, ...]) -> Batch:
         """Return the slots of some scenarios (ascending), for one launch; they are made once and kept."""
@@ -146,26 +160,21 @@ class Ensemble:
         return {**{column.name: getattr(self, column.name) for column in CORE}, **self.own}
 
 
-def empty(
-    seed: int,
-    bounds: tuple[int, ...],
-    own: Sequence[Column] = (),
-    *,
-    numbers: tuple[int, ...] | None = None,
-    block: tuple[int, ...] | None = None,
-) -> Ensemble:
+def empty(seed: int, of: Layout | tuple[int, ...], own: Sequence[Column] = ()) -> Ensemble:
     """Return an ensemble whose particles all wait at (0, 0) for a release at the start, all of weight 1.
 
-    own: columns besides CORE. numbers: of each scenario's first slot in the whole run; by default this is all of it.
-    block: slots of each scenario that make a block.
+    of: which slots belong to which scenario; or the first slot of each and, last, n, where this is the whole run. own:
+    columns besides CORE.
     """
+    layout = of if isinstance(of, Layout) else Layout(of, of[:-1], (partials.BLOCK,) * (len(of) - 1))
 
     def filled(columns: Sequence[Column]) -> dict[str, Device]:
-        return {column.name: runtime.upload(np.full(bounds[-1], column.first, column.dtype)) for column in columns}
+        return {
+            column.name: runtime.upload(np.full(layout.bounds[-1], column.first, column.dtype)) for column in columns
+        }
 
-    numbers, block = numbers or bounds[:-1], block or (partials.BLOCK,) * (len(bounds) - 1)
-    scenario = runtime.upload(owners(bounds))
-    return Ensemble(seed, Layout(bounds, numbers, block), own=filled(own), **filled(CORE) | {"scenario": scenario})
+    scenario = runtime.upload(owners(layout.bounds))
+    return Ensemble(seed, layout, own=filled(own), **filled(CORE) | {"scenario": scenario})
 
 
 def owners(bounds: tuple[int, ...]) -> Array:
@@ -204,3 +213,12 @@ def sample(ensemble: Ensemble, slots: Array) -> Ensemble:
     bounds = tuple(int(x) for x in np.searchsorted(slots, ensemble.bounds))
     layout = Layout(bounds, bounds[:-1], ensemble.layout.block)
     return replace(ensemble, layout=layout, own=copied, **core)
+
+
+def joined(parts: Sequence[Ensemble], own: Sequence[Column]) -> Ensemble:
+    """Return the particles of some ensembles as one; own: columns besides CORE."""
+    counts = np.sum([np.diff(part.bounds) for part in parts], axis=0)
+    ensemble = empty(parts[0].seed, (0, *np.cumsum(counts).tolist()), own)
+    for name, column in ensemble.columns.items():
+        column.from_numpy(np.concatenate([part.columns[name].to_numpy() for part in parts]))
+    return ensemble

@@ -13,7 +13,7 @@ from drift.motion.leeway import AIR_IN_WATER
 from drift.motion.period import Period
 from drift.particles import ensemble as record
 from drift.particles import partials
-from drift.particles.ensemble import Ensemble
+from drift.particles.ensemble import Ensemble, Layout
 from drift.spill.records import FEWEST_PARTICLES, Spill
 from drift.spill.worlds import Worlds
 from geo.array import Real
@@ -43,7 +43,7 @@ def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: De
     counts = per_world(spill)
     bounds = tuple(int(n) for n in np.concatenate([[0], np.cumsum(counts) * worlds.size]))
     block = tuple(partials.WORLDS * count for count in counts)
-    ensemble, key = record.empty(seed, bounds, drift.COLUMNS, block=block), noise.key(seed)
+    ensemble, key = record.empty(seed, Layout(bounds, bounds[:-1], block), drift.COLUMNS), noise.key(seed)
     where = [runtime.upload(x.astype(np.int32)) for x in (worlds.lon, worlds.lat, worlds.release - period.epoch)]
     factor = runtime.upload(worlds.windage.astype(np.float32))
     log_weight = np.empty(ensemble.n, np.float32)

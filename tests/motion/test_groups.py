@@ -13,7 +13,8 @@ from drift.motion.forcing import Forcing, Sources
 from drift.motion.model import Motion
 from drift.motion.scene import Scene
 from drift.particles import ensemble as record
-from drift.particles.ensemble import Ensemble
+from drift.particles.ensemble import Ensemble, Layout
+from drift.particles.partials import BLOCK
 from drift.particles.status import Status
 from geo.box import Box
 from geo.coast import edges as shoreline
@@ -42,7 +43,7 @@ PHYSICS = (
 def drawn(which: list[int]) -> Ensemble:
     """Return some of the scenarios' particles to the west of an island; each has what it has, whoever is beside it."""
     bounds = (0, *np.cumsum([SIZES[k] for k in which]).tolist())
-    ensemble = record.empty(99, bounds, COLUMNS, numbers=tuple(NUMBERS[k] for k in which))
+    ensemble = record.empty(99, Layout(bounds, tuple(NUMBERS[k] for k in which), (BLOCK,) * len(which)), COLUMNS)
     for name, column in ensemble.columns.items():
         values = column.to_numpy()
         for k, (a, b) in zip(which, pairwise(bounds), strict=True):

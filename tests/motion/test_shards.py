@@ -11,10 +11,9 @@ from drift import start
 from drift.motion import models, prior, simulate
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.leeway import AIR_IN_WATER
-from drift.motion.models import MODELS
 from drift.motion.scenario import Scenario
 from drift.particles import ensemble as record
-from drift.particles.ensemble import Ensemble
+from drift.particles.ensemble import Ensemble, Layout
 from drift.particles.partials import BLOCK
 from drift.particles.status import Status
 from drift.spill import release
@@ -79,9 +78,13 @@ def shares(whole: Ensemble) -> list[list[tuple[int, int]]]:
     return [[(cut[k], cut[k + 1]) for cut in cuts] for k in range(3)]
 
 
-def empty(whole: Ensemble, part: list[tuple[int, int]], scenarios: tuple[Scenario, ...]) -> Ensemble:
+def layout_of(part: list[tuple[int, int]]) -> Layout:
     bounds = tuple(int(n) for n in np.cumsum([0, *(b - a for a, b in part)]))
-    return record.empty(whole.seed, bounds, models.columns(scenarios), numbers=tuple(a for a, _ in part))
+    return Layout(bounds, tuple(a for a, _ in part), (BLOCK,) * len(part))
+
+
+def empty(whole: Ensemble, part: list[tuple[int, int]], scenarios: tuple[Scenario, ...]) -> Ensemble:
+    return record.empty(whole.seed, layout_of(part), models.columns(scenarios))
 
 
 def here(whole: Ensemble, part: list[tuple[int, int]], name: str) -> np.ndarray:
@@ -90,21 +93,29 @@ def here(whole: Ensemble, part: list[tuple[int, int]], name: str) -> np.ndarray:
 
 def test_a_shard_draws_its_slice_of_the_whole(begun: tuple[start.Start, EnsembleSpec]) -> None:
     begin, spec = begun
-    whole, coast, key = (
-        prior.draw(spec, begin.scene.place.coast).ensemble,
-        begin.scene.place.coast,
-        noise.key(spec.seed),
-    )
-    for part in shares(whole):
-        own = empty(whole, part, spec.scenarios)
-        for scenario, slots in zip(spec.scenarios, own.slots, strict=True):
-            tries = runtime.upload(np.zeros(2, np.int64))
-            to = prior._Draw(spec.period, own, slots, key, tries, coast)
-            prior.DRAWS[type(scenario.prior)](scenario.prior, to)
-            MODELS[scenario.model].draw(own, slots, key, scenario, spec.errors)
-        assert own.n > 0
-        for name in set(own.columns) - {"log_weight", "world"}:
-            assert np.array_equal(own.columns[name].to_numpy(), here(whole, part, name)), name
+    coast = begin.scene.place.coast
+    drawn = prior.draw(spec, coast)
+    tried = np.zeros_like(drawn.tried)
+    for part in shares(drawn.ensemble):
+        own = prior.draw(spec, coast, layout_of(part))
+        assert own.ensemble.n > 0
+        for name in set(own.ensemble.columns) - {"world"}:
+            assert np.array_equal(own.ensemble.columns[name].to_numpy(), here(drawn.ensemble, part, name)), name
+        tried += own.tried
+    assert np.array_equal(tried, drawn.tried)
+    assert (tried[:2, 0] > np.diff(drawn.ensemble.bounds)[:2]).all()  # some of the prior lies on land
+
+
+@pytest.mark.parametrize("many", [1, 2, 5, 100])
+def test_shards_are_whole_blocks_one_after_another(begun: tuple[start.Start, EnsembleSpec], many: int) -> None:
+    whole = begun[0].ensemble.layout
+    cut = whole.shards(many)
+    blocks = len(whole.blocks.first)
+    assert len(cut) == min(many, blocks)
+    assert np.array_equal(np.concatenate([own.blocks.number for own in cut]), whole.blocks.number)
+    assert np.array_equal(np.concatenate([own.blocks.scenario for own in cut]), whole.blocks.scenario)
+    assert np.array_equal(np.concatenate([own.blocks.places for own in cut]), np.arange(whole.bounds[-1]))
+    assert max(len(own.blocks.first) for own in cut) - min(len(own.blocks.first) for own in cut) <= 1
 
 
 def test_a_shard_moves_as_within_the_whole(begun: tuple[start.Start, EnsembleSpec]) -> None:
@@ -160,7 +171,7 @@ def test_a_shard_of_a_spill_draws_its_slice(tmp_path: Path) -> None:
     places = [runtime.upload(x.astype(np.int32)) for x in (worlds.lon, worlds.lat, worlds.release - case.period.epoch)]
     for number, (count, slots) in enumerate(zip(counts, whole.slots, strict=True)):
         part = [(slots.first + 32 * count, slots.first + 96 * count)]
-        own = record.empty(whole.seed, (0, 64 * count), models.columns(case.scenarios), numbers=(part[0][0],))
+        own = record.empty(whole.seed, Layout((0, 64 * count), (part[0][0],), (BLOCK,)), models.columns(case.scenarios))
         (here_,) = own.slots
         tries = runtime.upload(np.zeros(2, np.int64))
         kernel.draw_objects(

@@ -1,0 +1,120 @@
+"""A run cut into shards: how many, and what each goes through.
+
+A shard is a range of whole blocks of particles (drift.particles.partials). Noise goes by a particle's number in the
+whole run and sums go by blocks, so that no number of shards changes a bit of the results.
+"""
+
+import math
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from drift import start
+from drift.case.record import Case
+from drift.environment import lost
+from drift.environment.environment import Environment
+from drift.motion import models, prior
+from drift.motion.step_size import TRIAL_SIZE
+from drift.particles import ensemble as record
+from drift.particles.ensemble import Ensemble, Layout
+from drift.start import Stage
+from geo.errors import UserError
+from kernels import coast as device_coast
+from kernels.coast import DeviceCoast
+
+GIB = 2**30
+BASE = 700 * 2**20  # [bytes] that a run takes however few its particles are: the program, the forcing, the coast, maps
+HELD = 200  # [bytes] a particle of the shard under way takes at most while it is drawn and moved
+LEAST = 2**16  # particles in a shard
+
+
+@dataclass(frozen=True)
+class Divided:
+    """A run that is about to be moved shard by shard."""
+
+    stage: Stage
+    coast: DeviceCoast | None
+    layouts: tuple[Layout, ...]
+
+
+def possible(case: Case) -> str:
+    """Return why a case cannot be cut into shards; "" where it can."""
+    if case.spill:
+        return "a spill's worlds are weighed together"
+    if case.sorties or case.contacts or case.sensors.telling or case.sensors.lines:
+        return "what was searched and seen weighs all particles together"
+    if any(scenario.itinerary or scenario.survival for scenario in case.scenarios):
+        return "what steers, and survival times, are told of all particles together"
+    return ""
+
+
+def number(case: Case, memory: float | None, shards: int | None) -> int:
+    """Return how many shards a run is cut into: as many as is said, or as its memory asks for.
+
+    memory: [GiB] it may take, by default half of what is free. Raises UserError for what cannot be.
+    """
+    whole, most = possible(case), prior.layout(start.ensemble_spec(case)).blocks.first.size if not case.spill else 1
+    if shards is not None:
+        if shards > 1 and whole:
+            raise UserError(f"--shards {shards}: {case.path.name} cannot be cut into shards: {whole}")
+        if not 1 <= shards <= most:
+            raise UserError(f"--shards {shards}: {case.path.name} has {most:,} blocks of particles; give 1 to {most:,}")
+        return shards
+    least = (BASE + HELD * LEAST) / GIB
+    if memory is not None and not memory >= least:
+        raise UserError(f"--memory {memory:g}: a run takes {least:.2g} (GiB) at least")
+    room = (free() / 2 if memory is None else memory * GIB) - BASE
+    return 1 if whole else min(max(math.ceil(case.particles * HELD / max(room, HELD * LEAST)), 1), most)
+
+
+def free() -> int:
+    """Return how much memory is free on this machine [bytes]."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as told:
+            return next(int(line.split()[1]) * 1024 for line in told if line.startswith("MemAvailable"))
+    except (OSError, StopIteration):
+        pages = os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 2**20  # of 4 KiB: 4 GiB where nobody says
+        return pages * (os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096)
+
+
+def prepare(case: Case, where: Environment, many: int) -> Divided:
+    """Return a case's run, cut into some shards; close `stage.scene.forcing` after it.
+
+    Raises UserError as drift.start.prepare does.
+    """
+    spec = start.ensemble_spec(case)
+    coast = device_coast.upload(where.coast) if where.coast else None
+    whole = prior.layout(spec)
+    layouts = tuple(whole.shards(many))
+    stage = start.staged(case, where, coast, _sample(case, coast, whole), ())
+    with start.closed_on_failure(stage):
+        tried, lacks = np.zeros((len(case.scenarios), 2), np.int64), []
+        for layout in layouts:
+            drawn = prior.draw(spec, coast, layout)
+            tried += drawn.tried
+            lacks.append(lost.lacking(where.box, drawn.ensemble, stage.scene, stage.clock))
+        dry = prior.dry(spec, tried, coast)
+        lost.check_prior(spec, where, case.max_lost, stage.scene, lost.merged(lacks))
+    return Divided(Stage(**vars(stage) | {"dry": dry}), coast, layouts)
+
+
+def _sample(case: Case, coast: DeviceCoast | None, whole: Layout) -> Ensemble:
+    """Return the particles by which the step of a run is chosen, evenly spread over it."""
+    spec, n = start.ensemble_spec(case), whole.bounds[-1]
+    chosen = np.unique(np.linspace(0, n - 1, min(TRIAL_SIZE, n)).astype(np.int64))
+    parts = []
+    for layout, slots in _around(whole, chosen):
+        drawn = prior.draw(spec, coast, layout).ensemble
+        parts.append(record.sample(drawn, slots))
+    return record.joined(parts, models.columns(spec.scenarios))
+
+
+def _around(whole: Layout, chosen: np.ndarray) -> Iterator[tuple[Layout, np.ndarray]]:
+    """Yield layouts of the blocks that hold chosen slots, and the slots within."""
+    edges = np.append(whole.blocks.first, whole.blocks.n)
+    block = np.searchsorted(edges, chosen, "right") - 1
+    for run in np.split(np.arange(len(block)), np.flatnonzero(np.diff(block) > 1) + 1):
+        first, last = int(edges[block[run[0]]]), int(edges[block[run[-1]] + 1])
+        yield whole.some(first, last), chosen[run] - first

@@ -1,0 +1,282 @@
+"""A run in shards writes the same files as in one piece; stopped at any moment it goes on; what is altered is done again."""
+
+import json
+import logging
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import same_files
+
+import drift
+from drift import flow
+from drift.cli import commands
+from drift.shards import run as shards_run
+from drift.shards import work
+
+SHORE = """{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {}, "geometry": {"type": "Polygon",
+"coordinates": [[[0, -2], [2, -2], [2, 2], [0, 2], [0, -2]]]}}]}"""
+CASE = """
+start = "2026-11-21T00:10Z"
+duration = "5 h"
+particles = 30000
+seed = 77
+output = { every = "150 min", trajectories = 50 }
+clock.step = "auto"
+domain = { west = -0.6, south = -0.6, east = 0.5, north = 0.6 }
+coast = { source = "land.geojson", behaviour = "refloat", half_life = "1 h" }
+[[current]]
+constant = { speed = "0.6 m/s", toward = 70 }
+[[wind]]
+constant = { speed = "9 m/s", from = 250 }
+[uncertainty]
+current = { std = "0.2 m/s", time = "5 h", bias = "0.1 m/s" }
+wind = { std = "2 m/s", time = "5 h" }
+diffusivity = "40 m2/s"
+[[scenario]]
+name = "report"
+weight = 0.5
+object = "LIFE-RAFT-DB-10"
+position = { at = [-0.02, 0.05], error = "4 km", time = "+10 min", until = "+2 h" }
+[[scenario]]
+name = "ground"
+weight = 0.2
+object = "PIW-1"
+area = { polygon = [[-0.1, -0.1], [0.03, -0.08], [0.02, 0.1], [-0.09, 0.11]], time = "+0 h", until = "+1 h" }
+[[scenario]]
+name = "passage"
+weight = 0.3
+object = "SAILBOAT-2"
+trackline = { waypoints = [[-0.3, -0.2], [-0.05, 0.2]], speed = "10 kn", cross_track = "2 km" }
+"""
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> drift.Case:
+    folder = tmp_path_factory.mktemp("shards")
+    (folder / "land.geojson").write_text(SHORE)
+    (folder / "case.toml").write_text(CASE)
+    return drift.load(folder / "case.toml")
+
+
+@pytest.fixture(scope="module")
+def whole(case: drift.Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of the results in one piece."""
+    out = tmp_path_factory.mktemp("whole") / "out"
+    drift.run(case, out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def made(case: drift.Case) -> drift.Result:
+    return drift.run(case)
+
+
+def same(one: drift.Result, other: drift.Result) -> None:
+    """Hold two results against each other: maps, numbers, outlines, tracks, warnings."""
+    assert one.forecast.data.identical(other.forecast.data)
+    assert all(
+        a.polygon.equals_exact(b.polygon) for a, b in zip(one.forecast.contours, other.forecast.contours, strict=True)
+    )
+    assert all(
+        np.array_equal(a, b)
+        for a, b in zip(vars(one.trajectories).values(), vars(other.trajectories).values(), strict=True)
+    )
+    summaries = [
+        {key: value for key, value in result.summary.items() if key != "wall_time_s"} for result in (one, other)
+    ]
+    assert json.dumps(summaries[0]) == json.dumps(summaries[1])
+
+
+@pytest.fixture
+def unwritten(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the files of results out, which take seconds; their contents are compared."""
+    monkeypatch.setattr(flow, "write", lambda *given, **more: None)
+
+
+def unfinished(out: Path) -> Path:
+    return out.parent / f".{out.name}{work.SUFFIX}"
+
+
+def shards_of(out: Path) -> list[str]:
+    return sorted(path.name for path in unfinished(out).glob("shard-*"))
+
+
+class Stopped(Exception):
+    pass
+
+
+def stopping(at: float) -> Callable[[str, float], None]:
+    """Return what stops a run once so much of its drift is done."""
+
+    def report(phase: str, share: float) -> None:
+        if phase == "drift" and share >= at:
+            raise Stopped
+
+    return report
+
+
+@pytest.mark.parametrize("many", [2, 9])
+def test_no_number_of_shards_changes_a_bit(case: drift.Case, made: drift.Result, many: int) -> None:
+    same(drift.run(case, shards=many), made)
+
+
+def test_no_file_differs(case: drift.Case, whole: Path, tmp_path: Path) -> None:
+    drift.run(case, tmp_path / "out", shards=3)
+    assert same_files.differences(whole, tmp_path / "out") == []
+    assert not unfinished(tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("unwritten")
+def test_a_run_that_was_stopped_goes_on(
+    case: drift.Case,
+    made: drift.Result,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    out = tmp_path / "out"
+    for at, kept in ((0.1, 0), (0.55, 2), (0.8, 3)):
+        with pytest.raises(Stopped):
+            drift.run(case, out, shards=4, report=stopping(at))
+        assert not out.exists()
+        assert len([name for name in shards_of(out) if name.endswith(".json")]) == kept
+    moved: list[int] = []
+    move = shards_run._move
+    monkeypatch.setattr(shards_run, "_move", lambda *given: (moved.append(given[2].bounds[-1]), move(*given)))
+    done = drift.run(case, out, shards=4)
+    assert len(moved) == 1
+    assert "3 shards of this run were finished before: it goes on from there" in caplog.text
+    same(done, made)
+    assert not unfinished(out).exists()
+
+
+@pytest.mark.usefixtures("unwritten")
+@pytest.mark.parametrize("fault", ["cut", "altered", "index", "gone"])
+def test_a_file_that_was_cut_short_or_altered_is_made_again(
+    case: drift.Case, made: drift.Result, tmp_path: Path, caplog: pytest.LogCaptureFixture, fault: str
+) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(Stopped):
+        drift.run(case, out, shards=4, report=stopping(0.6))
+    data, index = unfinished(out) / "shard-00001.bin", unfinished(out) / "shard-00001.json"
+    if fault == "cut":
+        os.truncate(data, data.stat().st_size - 1)
+    elif fault == "altered":
+        with data.open("r+b") as stream:
+            stream.seek(4321)
+            byte = stream.read(1)
+            stream.seek(4321)
+            stream.write(bytes([byte[0] ^ 4]))
+    elif fault == "index":
+        index.write_text(index.read_text()[:-9])
+    else:
+        data.unlink()
+    done = drift.run(case, out, shards=4)
+    assert ("shard 1 of the run before" in caplog.text) is (fault != "gone")
+    same(done, made)
+
+
+@pytest.mark.usefixtures("unwritten")
+def test_another_case_begins_anew_and_says_what_changed(
+    case: drift.Case, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(Stopped):
+        drift.run(case, out, shards=4, report=stopping(0.6))
+    other = drift.vary(case, {"seed": 78})
+    done = drift.run(other, out, shards=4)
+    assert "an unfinished run is there, but the case and the seed changed since: it begins anew" in caplog.text
+    same(done, drift.run(other))
+
+
+def test_another_processor_is_noticed(
+    case: drift.Case, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(Stopped):
+        drift.run(case, out, shards=4, report=stopping(0.6))
+    exact = np.exp
+    monkeypatch.setattr(shards_run, "FUNCTIONS", (lambda x: np.nextafter(exact(x), 9.0), *shards_run.FUNCTIONS[1:]))
+    with pytest.raises(Stopped):
+        drift.run(case, out, shards=4, report=stopping(0.1))
+    assert "the processor's arithmetic changed since" in caplog.text
+    assert not [name for name in shards_of(out) if name.endswith(".json")]
+
+
+@pytest.mark.usefixtures("unwritten")
+def test_two_runs_on_one_folder(case: drift.Case, made: drift.Result, tmp_path: Path) -> None:
+    """The second is refused, and does the first no harm."""
+    out = tmp_path / "out"
+    refused: list[str] = []
+
+    def report(phase: str, share: float) -> None:
+        if phase == "drift" and share >= 0.5 and not refused:
+            with pytest.raises(drift.UserError) as error:
+                drift.run(case, out, shards=4)
+            refused.append(str(error.value))
+
+    same(drift.run(case, out, shards=4, report=report), made)
+    assert "another run is at work on it" in refused[0]
+
+
+@pytest.mark.usefixtures("unwritten")
+def test_a_full_disk_keeps_what_is_finished(
+    case: drift.Case, made: drift.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    usage = work.shutil.disk_usage
+    monkeypatch.setattr(work.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 999})())
+    with pytest.raises(drift.UserError, match=r"need .* GiB, and it has room for"):
+        drift.run(case, out, shards=4)
+    monkeypatch.setattr(work.shutil, "disk_usage", usage)
+    keep = work.Reel._keep
+
+    def full(self: work.Reel, name: str, values: np.ndarray) -> int:
+        if "00002" in self.file.name and len(self.taken) == 2:
+            raise OSError(28, "No space left on device")
+        return keep(self, name, values)
+
+    monkeypatch.setattr(work.Reel, "_keep", full)
+    with pytest.raises(drift.UserError, match=r"No space left on device; 2 shards are finished and kept there"):
+        drift.run(case, out, shards=4)
+    assert shards_of(out) == [f"shard-0000{k}.{kind}" for k in (0, 1) for kind in ("bin", "json")]
+    monkeypatch.setattr(work.Reel, "_keep", keep)
+    same(drift.run(case, out, shards=4), made)
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--shards", "0"], "give 1 to 9"),
+        (["--shards", "10"], "give 1 to 9"),
+        (["--memory", "0.2 GB"], "a run takes 0.7 (GiB) at least"),
+        (["--memory", "plenty"], "--memory"),
+    ],
+)
+def test_bad_input_is_one_line(
+    case: drift.Case, tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], said: str
+) -> None:
+    assert commands.main(["run", str(case.path), "--out", str(tmp_path / "out"), *more]) == 2
+    told = capsys.readouterr().err.strip().splitlines()
+    assert said in told[-1]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_memory_chooses_the_shards(case: drift.Case) -> None:
+    from drift.shards import divide
+
+    many = drift.vary(case, {"particles": 100_000_000})
+    assert divide.number(many, None, None) >= 1
+    assert divide.number(many, 2.0, None) == -(-100_000_000 * divide.HELD // (2 * 2**30 - divide.BASE))
+    assert divide.number(many, 1e6, None) == 1
+
+
+def test_the_index_names_no_machine(case: drift.Case, tmp_path: Path) -> None:
+    with pytest.raises(Stopped):
+        drift.run(case, tmp_path / "out", shards=4, report=stopping(0.6))
+    about = json.loads((unfinished(tmp_path / "out") / work.ABOUT).read_text())
+    assert set(about) >= {"the case", "the seed", "the versions", "the forcing", "the processor's arithmetic"}
+    logging.getLogger("drift").debug("kept %s", about)
