@@ -3,7 +3,7 @@
     python benchmarks/scale.py --particles 1e8 --hours 24 --outputs 9 --memory "3 GB"
 
 Prints seconds by phase, the peak of resident memory of the process, how it went over time, the most that lay on disk, and the cost
-of a particle-step. `--forcing FILE` takes currents and winds from a file in place of the flow.
+of a particle-step.
 """
 
 import argparse
@@ -36,7 +36,7 @@ object = "LIFE-RAFT-DB-10"
 position = {{ at = [{lon}, {lat}], error = "10 km", time = "+0 h" }}
 """
 FLOW = """[[current]]
-vortex = {{ at = [{lon}, {lat}], radius = "60 km", speed = "0.5 m/s" }}
+analytic = "gulf"
 [[wind]]
 constant = {{ speed = "8 m/s", from = 250 }}
 """
@@ -78,7 +78,7 @@ def main() -> None:
     options.add_argument("--threads", type=int, default=2)
     options.add_argument("--folder", type=Path, help="where files lie meanwhile (a real disk)")
     given = options.parse_args()
-    particles, lon, lat = int(given.particles), -30.0, 45.0
+    particles, lon, lat = int(given.particles), -88.0, 26.5
     with tempfile.TemporaryDirectory(dir=given.folder) as name:
         folder = Path(name)
         flow = FLOW.format(lon=lon, lat=lat)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from drift.motion.forcing import Term
 from drift.motion.scene import Scene
 from drift.particles import partials
 from drift.particles.ensemble import Ensemble
-from drift.particles.partials import Partial
+from drift.particles.partials import PART, Blocks, Partial
 from drift.particles.status import LOST, Status
 from geo import notation, sphere
 from geo.array import Array
@@ -38,51 +38,72 @@ class Lacking:
     weight: Partial  # of all particles, (1,)
     beyond: Partial  # outside the domain
     missing: Mapping[str, Partial]  # by quantity: where one of its terms or more have no value, (1,)
-    # By quantity, number of the sea (see _seas) and number of the term in it: where that has no value; and, last, the
-    # weight of all that see it.
-    silent: Mapping[tuple[str, int, int], Partial]
+    # By quantity, number of the sea (see _seas) and number of the term in it: where that has no value; and the weight of
+    # all that see it, (1,).
+    silent: Mapping[tuple[str, int, int], tuple[Partial, Partial]]
 
 
 def lacking(box: Box, ensemble: Ensemble, scene: Scene, clock: Clock) -> Lacking:
     """Return what of an initial ensemble lacks forcing as the run begins."""
     low, high, _ = next(clock.steps())
     scene.forcing.set(low, high)
-    lon, lat = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
-    every = np.exp(ensemble.log_weight.to_numpy().astype(np.float64))
-    # What is released later may find a value where a source has none yet, so the run itself judges it.
-    weight = np.where(ensemble.release.to_numpy() <= clock.step, every, 0.0)
+    lon, lat, release, logs = (
+        column.to_numpy() for column in (ensemble.lon, ensemble.lat, ensemble.release, ensemble.log_weight)
+    )
+    parts = []
+    for blocks, (first, last) in ensemble.blocks.cuts(PART):
+        own = slice(first, last)
+        weight = np.exp(logs[own].astype(np.float64))
+        # What is released later may find a value where a source has none yet, so the run itself judges it.
+        now = np.where(release[own] <= clock.step, weight, 0.0)
+        parts.append(_lacking(box, scene, blocks, weight, _Begun(lon[own], lat[own], now)))
+    return merged(parts)
+
+
+class _Begun(NamedTuple):
+    """Where particles begin [binary angle], and their weights, 0 of those that are released later; (n,)."""
+
+    lon: Array
+    lat: Array
+    weight: Array
+
+
+def _lacking(box: Box, scene: Scene, blocks: Blocks, whole: Array, begun: _Begun) -> Lacking:
+    """Return what some blocks of particles lack; whole: weights, (n,)."""
     west, south, width, height = domain.binary(box)
-    x, y = lon.astype(np.int64), lat.astype(np.int64)
-    beyond = ((x - west) % sphere.TURN > width) | (y < south) | (y > south + height)
-    blocks = ensemble.blocks
+    x, y = begun.lon.astype(np.int64), begun.lat.astype(np.int64)
+    beyond = np.flatnonzero(((x - west) % sphere.TURN > width) | (y < south) | (y > south + height))
+    scenario = np.repeat(blocks.scenario, np.diff(blocks.first, append=blocks.n))
     missing: dict[str, list[Partial]] = {quantity: [] for quantity in needed()}
-    silent: dict[tuple[str, int, int], Partial] = {}
+    silent: dict[tuple[str, int, int], tuple[Partial, Partial]] = {}
     for number, sea in enumerate(_seas(scene)):
-        slots = np.concatenate([np.arange(*ensemble.scenarios[scenario]) for scenario in sea])
-        x, y, own = lon[slots], lat[slots], weight[slots]
-        valued = {quantity: np.ones(slots.size, bool) for quantity in needed()}  # where all terms have a value
-        for k, (quantity, _, valid) in enumerate(silence.terms(scene.forcing, sea[0], x, y)):
-            valued[quantity] &= valid
-            silent[quantity, number, k] = blocks.partial(*_placed(x, y, np.where(valid, 0.0, own)), own, slots=slots)
-        for quantity, there in valued.items():
-            missing[quantity].append(blocks.partial(np.where(there, 0.0, own), slots=slots))
+        slots = np.flatnonzero(np.isin(scenario, sea))
+        seen = blocks.partial(begun.weight[slots], slots=slots)
+        lacks = {quantity: np.zeros(slots.size, bool) for quantity in needed()}  # where a term has no value
+        lon, lat = begun.lon[slots], begun.lat[slots]
+        for k, (quantity, _, valid) in enumerate(silence.terms(scene.forcing, sea[0], lon, lat)):
+            lacks[quantity] |= ~valid
+            silent[quantity, number, k] = _placed(blocks, begun, slots[~valid]), seen
+        for quantity, there in lacks.items():
+            missing[quantity].append(blocks.partial(begun.weight[slots[there]], slots=slots[there]))
     together = {
         quantity: replace(parts[0], sums=np.sum([part.sums for part in parts], axis=0))
         for quantity, parts in missing.items()
     }
-    return Lacking(
-        blocks.partial(every), blocks.partial(*_placed(lon, lat, np.where(beyond, weight, 0.0))), together, silent
-    )
+    return Lacking(blocks.partial(whole), _placed(blocks, begun, beyond), together, silent)
 
 
 def merged(parts: Sequence[Lacking]) -> Lacking:
     """Return what all shards lack."""
-    first = parts[0]
+    first, merge = parts[0], partials.merged
     return Lacking(
-        partials.merged([part.weight for part in parts]),
-        partials.merged([part.beyond for part in parts]),
-        {key: partials.merged([part.missing[key] for part in parts]) for key in first.missing},
-        {key: partials.merged([part.silent[key] for part in parts]) for key in first.silent},
+        merge([part.weight for part in parts]),
+        merge([part.beyond for part in parts]),
+        {key: merge([part.missing[key] for part in parts]) for key in first.missing},
+        {
+            key: (merge([part.silent[key][0] for part in parts]), merge([part.silent[key][1] for part in parts]))
+            for key in first.silent
+        },
     )
 
 
@@ -98,7 +119,7 @@ def check_prior(spec: EnsembleSpec, where: Environment, max_lost: float, scene: 
                 if of == quantity:
                     numbers = _seas(scene)[sea]
                     term = [term for own in needed() for term in scene.forcing.terms[numbers[0]][own]][k]
-                    places += _without(spec, where, quantity, term, numbers, sums)
+                    places += _without(spec, where, quantity, term, numbers, *sums)
             summed = any(key[0] == quantity for named in where.scenarios for key in named.added)
             raise UserError(
                 f"[[{quantity}]]: {missing:.0%} of the prior lies where there is no {quantity} ({_some(places)}); "
@@ -117,13 +138,18 @@ def _seas(scene: Scene) -> list[tuple[int, ...]]:
 
 
 def _without(
-    spec: EnsembleSpec, where: Environment, quantity: str, term: Term, sea: tuple[int, ...], sums: Partial
+    spec: EnsembleSpec,
+    where: Environment,
+    quantity: str,
+    term: Term,
+    sea: tuple[int, ...],
+    lacks: Partial,
+    seen: Partial,
 ) -> list[tuple[int, str]]:
     """Return numbers of the scenarios of a sea that lie where a term has no value, and in words how much, and where."""
     found = []
-    by_scenario = sums.by_scenario[:, 0]
     for number in sea:
-        lost, *vector, whole = by_scenario[number]
+        (lost, *vector), whole = lacks.by_scenario[number, 0], seen.by_scenario[number, 0, 0]
         if not lost > 0:
             continue
         middle = _middle(vector)
@@ -172,10 +198,10 @@ def _check_domain(box: Box, max_lost: float, beyond: Array) -> None:
     )
 
 
-def _placed(lon: Array, lat: Array, weight: Array) -> tuple[Array, ...]:
-    """Return weights (n,), and these times the unit vectors of places [binary angle]."""
-    x, y = lon * sphere.UNIT, lat * sphere.UNIT
-    return weight, weight * np.cos(y) * np.cos(x), weight * np.cos(y) * np.sin(x), weight * np.sin(y)
+def _placed(blocks: Blocks, begun: _Begun, slots: Array) -> Partial:
+    """Return the sums of the weights of some slots, and of these times the unit vectors of their places, (4,)."""
+    x, y, own = begun.lon[slots] * sphere.UNIT, begun.lat[slots] * sphere.UNIT, begun.weight[slots]
+    return blocks.partial(own, own * np.cos(y) * np.cos(x), own * np.cos(y) * np.sin(x), own * np.sin(y), slots=slots)
 
 
 def _middle(vector: Sequence[float]) -> tuple[float, float]:

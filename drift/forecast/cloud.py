@@ -48,13 +48,13 @@ def of(output: Output, known: Survey, centre: int) -> Cloud | None:
             x, y = lon[there], lat[there]
             edges.append((x.min(), x.max(), y.min(), y.max()))
             total, count = total + int(y.sum(dtype=np.int64)), count + len(y)
-        weight, spans = np.where(there, part.probability, 0.0), blocks.spans
+        weight, spans, places = np.where(there, part.probability, 0.0), blocks.spans, blocks.places
         for here, number in enumerate(np.searchsorted(known.weight.number, blocks.number).tolist()):
             wanted = goals[slice(*np.searchsorted(block_of, (number, number + 1)))]
             if wanted.size:
                 running = begun[number] + np.cumsum(weight[spans[here]])
                 slots = np.unique(np.searchsorted(running, wanted).clip(max=len(running) - 1)) + spans[here].start
-                picks.append(np.stack([blocks.places[slots], lon[slots], lat[slots]]))
+                picks.append(np.stack([places[slots], lon[slots], lat[slots]]))
     chosen = np.concatenate(picks, axis=1)
     _, lon, lat = chosen[:, np.argsort(chosen[0])]
     shrink = float(np.cos(total / count * sphere.UNIT))

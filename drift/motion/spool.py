@@ -3,7 +3,6 @@
 Memory holds one time, or a part of it, however many there are.
 """
 
-import itertools
 import os
 import shutil
 import tempfile
@@ -19,7 +18,7 @@ from drift.motion.period import Period
 from drift.motion.simulate import Moment
 from drift.particles import partials
 from drift.particles.ensemble import Ensemble, Layout
-from drift.particles.partials import Blocks
+from drift.particles.partials import PART, Blocks
 from drift.particles.snapshot import Snapshot
 from geo.array import Array
 from geo.errors import UserError
@@ -34,7 +33,6 @@ KINDS = {
     )
 }  # fmt: skip
 END = ("log_weight", "release", "status_since", "edge", "world")  # columns of an ensemble that are kept of its end
-PART = 2**17  # slots of a part: 13 MB while something is made of them
 
 
 def _check_room(need: int) -> None:
@@ -119,9 +117,7 @@ class Reel:
 
     def spans(self, at: int) -> list[tuple[int, int]]:
         """Return ranges of blocks of some PART slots each."""
-        blocks = self.taken[at].layout.blocks
-        cuts = np.searchsorted(blocks.first, np.arange(0, self.n, PART))
-        return list(itertools.pairwise(np.unique([*cuts, len(blocks.first)]).tolist()))
+        return self.taken[at].layout.blocks.spans_of(PART)
 
     def slots(self, at: int, span: tuple[int, int]) -> tuple[int, int]:
         """Return the first slot of a range of blocks, and the one after its last."""

@@ -14,7 +14,7 @@ from geo.array import Array
 
 def over(status: Array) -> Array:
     """Return which particles have gone ashore, sunk, left, run out of forcing, arrived or grounded, bool (n,)."""
-    return ~np.isin(status, (Status.ADRIFT, Status.PENDING, Status.UNDER_WAY))
+    return np.asarray((status != Status.ADRIFT) & (status != Status.PENDING) & (status != Status.UNDER_WAY))
 
 
 @dataclass(frozen=True)
@@ -30,14 +30,16 @@ class Lives:
     def at(self, time: int) -> Array:
         """Return the status of each particle at a time within the step, int32 (n,)."""
         ended = over(self.status) & (self.since <= time)
-        status = np.where(ended, self.status, Status.ADRIFT)
+        status = np.where(ended, self.status, np.int32(Status.ADRIFT))
         refloats = (status == Status.ADRIFT) & (self.moving > np.maximum(time, self.release))  # later in the step
-        status = np.where(refloats, Status.ASHORE, status)
-        before = np.full(status.shape, Status.PENDING)
-        if self.departure is not None:
-            before = np.where(self.departure <= time, Status.UNDER_WAY, before)
-            before = np.where(ended, self.status, before)  # what ends before its release never goes adrift
-        return np.where(self.release > time, before, status).astype(np.int32)
+        status[refloats] = Status.ASHORE
+        later = self.release > time
+        if self.departure is None:
+            status[later] = Status.PENDING
+            return status
+        before = np.where(self.departure <= time, np.int32(Status.UNDER_WAY), np.int32(Status.PENDING))
+        before = np.where(ended, self.status, before)  # what ends before its release never goes adrift
+        return np.where(later, before, status)
 
     def way(self, begin: int, end: int) -> tuple[Array, Array]:
         """Return when each particle begins to move between two times of the step, and when it ends; begin <= end."""

@@ -10,7 +10,7 @@ shards merge; and what is made of the merged one does not depend on how many sha
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,6 +19,7 @@ import numpy as np
 from geo.array import Array
 
 BLOCK = 4096  # slots
+PART = 2**17  # slots that are worked on at a time, where memory counts
 WORLDS = 32  # of a spill: a block is all particles of a class in so many whole worlds
 
 
@@ -53,6 +54,17 @@ class Blocks:
             self.scenario[own],
             self.number[own],
         )
+
+    def cuts(self, most: int) -> Iterator[tuple[Blocks, tuple[int, int]]]:
+        """Yield ranges of blocks of about as many slots at most, and the first slot of each and the one after its last."""
+        edges = np.append(self.first, self.n).tolist()
+        for begin, end in self.spans_of(most):
+            yield self.some(begin, end), (edges[begin], edges[end])
+
+    def spans_of(self, most: int) -> list[tuple[int, int]]:
+        """Return the same ranges by the numbers of their first block and of the one after their last."""
+        cuts = np.searchsorted(self.first, np.arange(0, self.n, most))
+        return list(itertools.pairwise(np.unique([*cuts, len(self.first)]).tolist()))
 
     def partial(self, *values: Array, code: Array | None = None, many: int = 1, slots: Array | None = None) -> Partial:
         """Return the sums of some values by block, and by `code` within each; of no particles they are 0.

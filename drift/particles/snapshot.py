@@ -92,7 +92,7 @@ def vectors(snapshot: Snapshot, scenarios: int) -> Partial:
     lon, lat = snapshot.lon * sphere.UNIT, snapshot.lat * sphere.UNIT
     weight = np.where(mapped(snapshot), snapshot.probability, 0.0)
     flat = weight * np.cos(lat)
-    code = snapshot.scenario.astype(np.int64) * 2 + np.isin(snapshot.status, status.AT_REST)
+    code = snapshot.scenario.astype(np.int64) * 2 + status.at_rest(snapshot.status)
     return snapshot.blocks.partial(
         flat * np.cos(lon), flat * np.sin(lon), weight * np.sin(lat), code=code, many=2 * scenarios
     )
