@@ -6,6 +6,7 @@ an output inside a step is interpolated along it.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Protocol
 
 from drift.motion.clock import Clock
@@ -128,7 +129,7 @@ def run(
         for time in search.stops(-1, 0):
             search.take_effect(time, lambda which, *_: _now(which))
     while due and due[0] <= 0:
-        yield _moment(ensemble, _now(ensemble), due.pop(0), search)
+        yield _moment(ensemble, partial(_now, ensemble), due.pop(0), search)
     for low, high, step in clock.steps():
         end = step.elapsed + step.duration
         shown = {t for t in due if t <= end}
@@ -148,7 +149,7 @@ def run(
             if search and t in stops:
                 search.take_effect(t, within.at)
             while due and due[0] == t:
-                yield _moment(ensemble, within.look(ensemble, scene, None, t), due.pop(0), search)
+                yield _moment(ensemble, partial(within.look, ensemble, scene, None, t), due.pop(0), search)
         if search:
             search.watch(end)
             if end < clock.duration:  # the last outputs show the particles as they were when it ended
@@ -157,7 +158,8 @@ def run(
             progress(min(end / clock.duration, 1.0))
 
 
-def _moment(ensemble: Ensemble, places: tuple[Array, Array], time: int, search: Filter | None) -> Moment:
+def _moment(ensemble: Ensemble, look: Callable[[], tuple[Array, Array]], time: int, search: Filter | None) -> Moment:
     """Return positions, with each particle's status and weight as they were known at that time."""
+    status = life.read(ensemble).at(time)  # first: the columns that it reads have gone before others come
     weight, ancestors = (search.log_weight(time), search.ancestors()) if search else (None, None)
-    return Moment(time, *places, life.read(ensemble).at(time), ensemble.layout, weight, ancestors)
+    return Moment(time, *look(), status, ensemble.layout, weight, ancestors)
