@@ -41,7 +41,7 @@ from drift.search import tables as search_tables
 from drift.search.filter import Noted
 from drift.search.standing import Standing, standing
 from drift.search.updates import Updates
-from drift.shards import divide, work
+from drift.shards import cluster, divide, work
 from drift.shards import run as shards_run
 from drift.spill import chapter as spill_chapter
 from drift.spill import evidence, renewal
@@ -69,16 +69,20 @@ def run(
     report: Report | None = None,
     memory: float | None = None,
     shards: int | None = None,
+    client: Any = None,
 ) -> Result:
     """Forecast a case; with `out`, write the results there, complete or not at all.
 
     datasets: the xarray.Datasets that the case's sources name; they are only read, and not kept. report is told what is
     being done and how much of it is done. memory: [GiB] that it may take, by default half of what is free; a run that
     needs more is moved in shards, one after another, and with `out` one that was stopped goes on with those that are
-    missing. shards: how many, whatever the memory; no number of them changes a bit of the results. Raises UserError for
+    missing. shards: how many, whatever the memory; no number of them changes a bit of the results. client: a
+    dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it. Raises UserError for
     all that the user can mend.
     """
-    job = opened(case, Options(out, datasets, threads, backend, overwrite, report, memory, shards))
+    if client is not None and datasets:
+        raise UserError("datasets: workers read files; write these to files and name them in the case")
+    job = opened(case, Options(out, datasets, threads, backend, overwrite, report, memory, shards, client))
     result = forecasted(job)
     write(result, job)
     if job.out is not None:
@@ -108,13 +112,20 @@ class Moved(Ended):
 
 def forecasted(job: Job, noted: Noted | None = None) -> Result:
     """Return the forecast of a job's case; noted: as `moved` takes it."""
-    many = divide.number(job.case, job.memory, job.shards)
+    many = _shards(job)
     with contextlib.ExitStack() as stack:
-        if many > 1:
+        if many > 1 or job.client is not None:
             return made(job, _in_shards(job, many, stack))
         with job.clock.phase("start"):
             begin = start.prepare(job.case, job.where)
         return made(job, moved(job, begin, stack, noted))
+
+
+def _shards(job: Job) -> int:
+    """Return into how many shards a job's run is cut: as the one before was, if it goes on from there."""
+    workers = 1 if job.client is None else cluster.workers_of(job.client)
+    many = divide.number(job.case, job.memory, job.shards, workers)
+    return many if job.shards else work.begun(job.out) or many
 
 
 def _in_shards(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:

@@ -56,6 +56,7 @@ class Options:
     report: Report | None = None
     memory: float | None = None  # [GiB] that a run may take; None: half of what is free
     shards: int | None = None  # into which its particles are cut; None: as many as the memory asks for
+    client: Any = None  # dask.distributed.Client whose workers move the shards; None: this process does
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,7 @@ class Job:
     overwrite: bool
     memory: float | None = None  # see Options
     shards: int | None = None
+    client: Any = None
 
 
 def opened(case: Case, options: Options = Options()) -> Job:
@@ -84,7 +86,7 @@ def opened(case: Case, options: Options = Options()) -> Job:
     tell("read", 0.0)
     with clock.phase("read"):
         where = start.open_for(case, options.datasets)
-    return Job(case, where, clock, tell, folder, options.overwrite, options.memory, options.shards)
+    return Job(case, where, clock, tell, folder, options.overwrite, options.memory, options.shards, options.client)
 
 
 def _silent(phase: str, share: float) -> None:

@@ -136,18 +136,22 @@ def staged(
     sinks: bool = False,
 ) -> Stage:
     """Return what a run goes through; some: its particles, or as many as tell how long steps may be."""
-    asked = clock_spec(case)
-    forcing = Forcing(list(where.scenarios), case.direction)
+    scene = scene_of(case, where, shore, sinks=sinks)
     try:
-        beach, bias = _beach(case.coast), case.current_error.bias > 0
-        place = advance.Surroundings(domain.binary(where.box), shore, beach, bias, sinks, scheme=asked.scheme)
-        steering = models.steering(case.scenarios, case.period, case.errors)
-        scene = Scene(forcing, models.motions(case.errors, case.scenarios), place, steering)
-        clock, trial = step_size.clock_of(case.period, asked, case.errors, where.sources, some, scene)
+        clock, trial = step_size.clock_of(case.period, clock_spec(case), case.errors, where.sources, some, scene)
     except BaseException:
-        forcing.close()
+        scene.forcing.close()
         raise
     return Stage(dry=dry, scene=scene, clock=clock, trial=trial)
+
+
+def scene_of(case: Case, where: Environment, shore: device_coast.DeviceCoast | None, *, sinks: bool = False) -> Scene:
+    """Return the scene of a case's run; close its forcing after it. shore: the coast on the device."""
+    beach, bias = _beach(case.coast), case.current_error.bias > 0
+    place = advance.Surroundings(domain.binary(where.box), shore, beach, bias, sinks, scheme=case.scheme)
+    steering = models.steering(case.scenarios, case.period, case.errors)
+    forcing = Forcing(list(where.scenarios), case.direction)
+    return Scene(forcing, models.motions(case.errors, case.scenarios), place, steering)
 
 
 @contextlib.contextmanager

@@ -54,6 +54,7 @@ def parser() -> Parser:
     _add_case(run)
     _add_results(run, "NAME-forecast")
     _add_scale(run)
+    _add_cluster(run)
 
     plan = commands.add_parser(
         "plan", help="plan the next search of a case with its units, or the next patrols of a spill"
@@ -156,6 +157,13 @@ def _add_scale(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--shards", type=int, metavar="N", help="cut the particles into so many shards; the result doesn't change"
     )
+
+
+def _add_cluster(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--workers", type=int, metavar="N", help="deal the shards out to so many processes of this machine"
+    )
+    command.add_argument("--cluster", metavar="ADDRESS", help="deal them out to a dask cluster, as tcp://head:8786")
 
 
 def _add_output(command: argparse.ArgumentParser, *, quiet: bool = True) -> None:

@@ -19,8 +19,11 @@ def run(given: argparse.Namespace) -> Answer:
         from drift import facts, flow
         from drift.cli import outcome
         from drift.forecast import tables
+        from drift.shards import cluster
 
-        result = flow.run(case, out, memory=take.memory(given.memory), shards=given.shards, **options)
+        options |= {"memory": take.memory(given.memory), "shards": given.shards}
+        with cluster.connected(given.workers, given.cluster) as client:
+            result = flow.run(case, out, client=client, **options)
     made = result.summary["run"]
     last = {**tables.numbers(result.forecast), **result.summary}
     told = outcome.spill(last) if case.spill else outcome.forecast(last)

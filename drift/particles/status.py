@@ -25,7 +25,9 @@ ON_MAP = (Status.ADRIFT, Status.ASHORE, Status.UNDER_WAY, Status.ARRIVED, Status
 AT_REST = (Status.ASHORE, Status.ARRIVED, Status.AGROUND)
 STRANDED = (Status.ASHORE, Status.AGROUND)
 LOST = (Status.OUTSIDE, Status.LEFT)
-_ON_MAP, _AT_REST = (np.isin(list(Status), some) for some in (ON_MAP, AT_REST))  # by code: a look is quicker than a search
+_ON_MAP, _AT_REST = (
+    np.isin(list(Status), some) for some in (ON_MAP, AT_REST)
+)  # by code: a look is quicker than a search
 
 
 def on_map(status: Array) -> Array:

@@ -28,6 +28,7 @@ GIB = 2**30
 BASE = 700 * 2**20  # [bytes] that a run takes however few its particles are: the program, the forcing, the coast, maps
 HELD = 200  # [bytes] a particle of the shard under way takes at most while it is drawn and moved
 LEAST = 2**16  # particles in a shard
+PER_WORKER = 4  # shards at least, so that none waits long for another at the end
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,11 @@ def possible(case: Case) -> str:
     return ""
 
 
-def number(case: Case, memory: float | None, shards: int | None) -> int:
+def number(case: Case, memory: float | None, shards: int | None, workers: int = 1) -> int:
     """Return how many shards a run is cut into: as many as is said, or as its memory asks for.
 
-    memory: [GiB] it may take, by default half of what is free. Raises UserError for what cannot be.
+    memory: [GiB] it may take, by default half of what is free. workers: that share it. Raises UserError for what cannot
+    be.
     """
     whole, most = possible(case), prior.layout(start.ensemble_spec(case)).blocks.first.size if not case.spill else 1
     if shards is not None:
@@ -65,8 +67,11 @@ def number(case: Case, memory: float | None, shards: int | None) -> int:
     least = (BASE + HELD * LEAST) / GIB
     if memory is not None and not memory >= least:
         raise UserError(f"--memory {memory:g}: a run takes {least:.2g} (GiB) at least")
-    room = (free() / 2 if memory is None else memory * GIB) - BASE
-    return 1 if whole else min(max(math.ceil(case.particles * HELD / max(room, HELD * LEAST)), 1), most)
+    if workers > 1 and whole:
+        raise UserError(f"{case.path.name} cannot be dealt out to workers: {whole}")
+    room = (free() / 2 if memory is None else memory * GIB) / workers - BASE
+    many = math.ceil(case.particles * HELD / max(room, HELD * LEAST))
+    return 1 if whole else min(max(many, 1 if workers == 1 else PER_WORKER * workers), most)
 
 
 def free() -> int:

@@ -28,6 +28,8 @@ from geo.errors import UserError
 
 SUFFIX = ".unfinished"
 ABOUT = "about.json"
+NUMBER = "the number of shards"  # in the fingerprint
+INDICES = "shard-*.json"
 CHUNK = 2**24
 TOLD = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
 
@@ -59,6 +61,10 @@ class Work:
                 "the same command again, or name another folder with --out"
             ) from error
         return reel
+
+    def finished(self, number: int) -> bool:
+        """Return whether a shard is there, whether or not it has been altered since."""
+        return self._index(number).exists()
 
     def _index(self, number: int) -> Path:
         return self.folder / f"shard-{number:05}.json"
@@ -112,6 +118,16 @@ def opened(out: Path | None, fingerprint: Mapping[str, str], need: int) -> Itera
         yield work
 
 
+def begun(out: Path | None) -> int | None:
+    """Return into how many shards an unfinished run was cut; None where there is none."""
+    if out is None:
+        return None
+    try:
+        return int(json.loads((_of(out) / ABOUT).read_text(encoding="utf-8"))[NUMBER])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
 def clear(out: Path) -> None:
     """Take away what is kept of a run whose results stand."""
     folder = _of(out)
@@ -134,7 +150,7 @@ def _take_up(work: Work, fingerprint: Mapping[str, str]) -> None:
     except (OSError, ValueError):
         before = None
     if before == dict(fingerprint):
-        many = len(list(work.folder.glob("shard-*.json")))
+        many = len(list(work.folder.glob(INDICES)))
         if many:
             TOLD.warning("%d shards of this run were finished before: it goes on from there", many)
         return

@@ -9,56 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import same_files
+import shards as runs
 
 import drift
 from drift import flow
 from drift.cli import commands
-from drift.shards import run as shards_run
-from drift.shards import work
-
-SHORE = """{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {}, "geometry": {"type": "Polygon",
-"coordinates": [[[0, -2], [2, -2], [2, 2], [0, 2], [0, -2]]]}}]}"""
-CASE = """
-start = "2026-11-21T00:10Z"
-duration = "5 h"
-particles = 30000
-seed = 77
-output = { every = "150 min", trajectories = 50 }
-clock.step = "auto"
-domain = { west = -0.6, south = -0.6, east = 0.5, north = 0.6 }
-coast = { source = "land.geojson", behaviour = "refloat", half_life = "1 h" }
-[[current]]
-constant = { speed = "0.6 m/s", toward = 70 }
-[[wind]]
-constant = { speed = "9 m/s", from = 250 }
-[uncertainty]
-current = { std = "0.2 m/s", time = "5 h", bias = "0.1 m/s" }
-wind = { std = "2 m/s", time = "5 h" }
-diffusivity = "40 m2/s"
-[[scenario]]
-name = "report"
-weight = 0.5
-object = "LIFE-RAFT-DB-10"
-position = { at = [-0.02, 0.05], error = "4 km", time = "+10 min", until = "+2 h" }
-[[scenario]]
-name = "ground"
-weight = 0.2
-object = "PIW-1"
-area = { polygon = [[-0.1, -0.1], [0.03, -0.08], [0.02, 0.1], [-0.09, 0.11]], time = "+0 h", until = "+1 h" }
-[[scenario]]
-name = "passage"
-weight = 0.3
-object = "SAILBOAT-2"
-trackline = { waypoints = [[-0.3, -0.2], [-0.05, 0.2]], speed = "10 kn", cross_track = "2 km" }
-"""
+from drift.shards import told, unit, work
 
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> drift.Case:
-    folder = tmp_path_factory.mktemp("shards")
-    (folder / "land.geojson").write_text(SHORE)
-    (folder / "case.toml").write_text(CASE)
-    return drift.load(folder / "case.toml")
+    return runs.case(tmp_path_factory.mktemp("shards"))
 
 
 @pytest.fixture(scope="module")
@@ -72,22 +33,6 @@ def whole(case: drift.Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def made(case: drift.Case) -> drift.Result:
     return drift.run(case)
-
-
-def same(one: drift.Result, other: drift.Result) -> None:
-    """Hold two results against each other: maps, numbers, outlines, tracks, warnings."""
-    assert one.forecast.data.identical(other.forecast.data)
-    assert all(
-        a.polygon.equals_exact(b.polygon) for a, b in zip(one.forecast.contours, other.forecast.contours, strict=True)
-    )
-    assert all(
-        np.array_equal(a, b)
-        for a, b in zip(vars(one.trajectories).values(), vars(other.trajectories).values(), strict=True)
-    )
-    summaries = [
-        {key: value for key, value in result.summary.items() if key != "wall_time_s"} for result in (one, other)
-    ]
-    assert json.dumps(summaries[0]) == json.dumps(summaries[1])
 
 
 @pytest.fixture
@@ -120,7 +65,7 @@ def stopping(at: float) -> Callable[[str, float], None]:
 
 @pytest.mark.parametrize("many", [2, 9])
 def test_no_number_of_shards_changes_a_bit(case: drift.Case, made: drift.Result, many: int) -> None:
-    same(drift.run(case, shards=many), made)
+    runs.same(drift.run(case, shards=many), made)
 
 
 def test_no_file_differs(case: drift.Case, whole: Path, tmp_path: Path) -> None:
@@ -144,12 +89,12 @@ def test_a_run_that_was_stopped_goes_on(
         assert not out.exists()
         assert len([name for name in shards_of(out) if name.endswith(".json")]) == kept
     moved: list[int] = []
-    move = shards_run._move
-    monkeypatch.setattr(shards_run, "_move", lambda *given: (moved.append(given[2].bounds[-1]), move(*given)))
+    move = unit.Unit.move
+    monkeypatch.setattr(unit.Unit, "move", lambda *given: (moved.append(given[0].number), move(*given)))
     done = drift.run(case, out, shards=4)
-    assert len(moved) == 1
+    assert moved == [3]
     assert "3 shards of this run were finished before: it goes on from there" in caplog.text
-    same(done, made)
+    runs.same(done, made)
     assert not unfinished(out).exists()
 
 
@@ -176,7 +121,7 @@ def test_a_file_that_was_cut_short_or_altered_is_made_again(
         data.unlink()
     done = drift.run(case, out, shards=4)
     assert ("shard 1 of the run before" in caplog.text) is (fault != "gone")
-    same(done, made)
+    runs.same(done, made)
 
 
 @pytest.mark.usefixtures("unwritten")
@@ -189,7 +134,7 @@ def test_another_case_begins_anew_and_says_what_changed(
     other = drift.vary(case, {"seed": 78})
     done = drift.run(other, out, shards=4)
     assert "an unfinished run is there, but the case and the seed changed since: it begins anew" in caplog.text
-    same(done, drift.run(other))
+    runs.same(done, drift.run(other))
 
 
 def test_another_processor_is_noticed(
@@ -199,7 +144,7 @@ def test_another_processor_is_noticed(
     with pytest.raises(Stopped):
         drift.run(case, out, shards=4, report=stopping(0.6))
     exact = np.exp
-    monkeypatch.setattr(shards_run, "FUNCTIONS", (lambda x: np.nextafter(exact(x), 9.0), *shards_run.FUNCTIONS[1:]))
+    monkeypatch.setattr(told, "FUNCTIONS", (lambda x: np.nextafter(exact(x), 9.0), *told.FUNCTIONS[1:]))
     with pytest.raises(Stopped):
         drift.run(case, out, shards=4, report=stopping(0.1))
     assert "the processor's arithmetic changed since" in caplog.text
@@ -218,7 +163,7 @@ def test_two_runs_on_one_folder(case: drift.Case, made: drift.Result, tmp_path: 
                 drift.run(case, out, shards=4)
             refused.append(str(error.value))
 
-    same(drift.run(case, out, shards=4, report=report), made)
+    runs.same(drift.run(case, out, shards=4, report=report), made)
     assert "another run is at work on it" in refused[0]
 
 
@@ -244,7 +189,7 @@ def test_a_full_disk_keeps_what_is_finished(
         drift.run(case, out, shards=4)
     assert shards_of(out) == [f"shard-0000{k}.{kind}" for k in (0, 1) for kind in ("bin", "json")]
     monkeypatch.setattr(work.Reel, "_keep", keep)
-    same(drift.run(case, out, shards=4), made)
+    runs.same(drift.run(case, out, shards=4), made)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,115 @@
+"""Shards as tasks of a dask.distributed cluster: a local one, or one that stands already."""
+
+import contextlib
+import importlib
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from drift.shards import told, work, worker
+from drift.shards.unit import Unit
+from geo.errors import UserError
+
+PATIENCE = 20  # [s] to wait for a cluster to answer
+
+
+@contextlib.contextmanager
+def connected(workers: int | None, address: str | None) -> Iterator[Any]:
+    """Give a client of a local cluster of some workers, or of the one at an address; None where neither is asked for.
+
+    Raises UserError where there is none, or dask.distributed is not installed.
+    """
+    if workers is None and address is None:
+        yield None
+        return
+    if workers is not None and address is not None:
+        raise UserError("--workers and --cluster: give one of them")
+    if workers is not None and workers < 1:
+        raise UserError(f"--workers {workers} must be at least 1")
+    distributed = _dask()
+    with contextlib.ExitStack() as stack:
+        log = logging.getLogger("distributed")  # what goes wrong is told in a line
+        stack.callback(log.setLevel, log.level)
+        log.setLevel(logging.CRITICAL)
+        if workers is not None:
+            local = distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                memory_limit=0,
+                dashboard_address="127.0.0.1:0",
+                silence_logs=50,
+            )
+            address = stack.enter_context(local)
+        try:
+            client = stack.enter_context(distributed.Client(address, timeout=PATIENCE))
+        except (OSError, TimeoutError, ValueError) as error:
+            raise UserError(f"--cluster {address}: no cluster answers there ({_line(error)})") from error
+        yield client
+
+
+def _dask() -> Any:
+    """Return the package dask.distributed, which is slow to import, and not installed by default."""
+    try:
+        return importlib.import_module("distributed")
+    except ImportError:
+        raise UserError("--workers and --cluster need dask: pip install 'casp-drift[cluster]'") from None
+
+
+def workers_of(client: Any) -> int:
+    """Return how many workers a cluster has."""
+    return len(client.scheduler_info(n_workers=-1)["workers"])
+
+
+def check(client: Any, folder: Path) -> None:
+    """Refuse workers of other versions or arithmetic than this process's, and those that do not see the run's folder."""
+    own = {**told.versions(), "its arithmetic": told.arithmetic()}
+    found = client.run(worker.about, str(folder))
+    if not found:
+        raise UserError("the cluster has no workers; start some")
+    for address, other in sorted(found.items()):
+        if other.pop("folder") != "True":
+            raise UserError(
+                f"worker {address} does not see {folder}: name a folder with --out that all machines of the cluster share"
+            )
+        if differs := [name for name in own if own[name] != other.get(name)]:
+            raise UserError(
+                f"worker {address}: {differs[0]} is {other.get(differs[0])}, here it is {own[differs[0]]}: results would not be "
+                "the same everywhere; install the same versions, and use machines of one kind"
+            )
+
+
+def moved(client: Any, folder: Path, units: Sequence[Unit], tell: Callable[[float], None]) -> None:
+    """Have the workers move shards, which they keep in the run's folder; tell: takes how many are done.
+
+    A worker that is lost costs the shards under way on it, which others do again. Raises UserError where the cluster is
+    lost, or a shard fails on one worker after another.
+    """
+    if not units:
+        return
+    distributed = _dask()
+    check(client, folder)
+    tasks = [client.submit(worker.move, str(folder), unit, pure=False, retries=0) for unit in units]
+    try:
+        for done, task in enumerate(distributed.as_completed(tasks), 1):
+            if task.status == "error":
+                raise task.exception()
+            if task.status != "finished":
+                raise UserError(f"the cluster is lost (a shard is {task.status}); {_kept(folder)}")
+            tell(done)
+    except distributed.KilledWorker as error:
+        raise UserError(f"worker after worker died of a shard ({_line(error)}); {_kept(folder)}") from error
+    except (OSError, TimeoutError) as error:
+        raise UserError(f"the cluster is lost ({_line(error)}); {_kept(folder)}") from error
+    finally:
+        with contextlib.suppress(Exception):  # of a scheduler that is gone
+            client.cancel(tasks)
+
+
+def _kept(folder: Path) -> str:
+    many = len(list(folder.glob(work.INDICES)))
+    return f"{many:,} shards are finished and kept in {folder}: the same command goes on from there"
+
+
+def _line(error: BaseException) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]

@@ -1,0 +1,47 @@
+"""What a worker of a cluster does: opens a case's environment once, moves shards in it, and keeps them in the run's folder."""
+
+import contextlib
+import hashlib
+import pickle
+from pathlib import Path
+
+from drift import start
+from drift.environment.environment import Environment
+from drift.motion.scene import Scene
+from drift.shards import told, work
+from drift.shards.unit import Unit
+from kernels import coast as device_coast
+from kernels import runtime
+
+_open: dict[str, tuple[Environment, Scene]] = {}  # the case that was opened last, by its digest
+
+
+def about(folder: str) -> dict[str, str]:
+    """Return what tells this worker from others, and whether it sees the run's folder."""
+    with runtime.alone():
+        runtime.start(threads=1)
+        return {
+            **told.versions(),
+            "its arithmetic": told.arithmetic(),
+            "folder": str((Path(folder) / work.ABOUT).is_file()),
+        }
+
+
+def move(folder: str, unit: Unit) -> int:
+    """Move a shard, keep it in the run's folder, and return its number."""
+    with runtime.alone(), contextlib.ExitStack() as stack:
+        runtime.start(threads=1)
+        key = hashlib.sha256(pickle.dumps(unit.case)).hexdigest()
+        if key not in _open:
+            for _, scene in _open.values():
+                scene.forcing.close()
+            _open.clear()
+            where = start.open_for(unit.case)
+            _open[key] = (
+                where,
+                start.scene_of(unit.case, where, device_coast.upload(where.coast) if where.coast else None),
+            )
+        where, scene = _open[key]
+        kept = work.Work(Path(folder), stack)
+        kept.reel(unit.number, unit.layout.bounds[-1], lambda reel: unit.move(scene, where, None, reel))
+    return unit.number

@@ -1,0 +1,132 @@
+"""Workers of a dask cluster write the same as one process; what they lose is done again; what cannot be is one line."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import shards as runs
+
+import drift
+from drift import flow
+from drift.shards import cluster, told, work
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> drift.Case:
+    return runs.case(tmp_path_factory.mktemp("cluster"))
+
+
+@pytest.fixture(scope="module")
+def made(case: drift.Case) -> drift.Result:
+    return drift.run(case)
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Any]:
+    with cluster.connected(2, None) as client:
+        yield client
+
+
+@pytest.fixture(autouse=True)
+def unwritten(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flow, "write", lambda *given, **more: None)
+
+
+def test_two_workers_make_the_same(case: drift.Case, made: drift.Result, client: Any, tmp_path: Path) -> None:
+    shares: list[float] = []
+    done = drift.run(
+        case,
+        tmp_path / "out",
+        client=client,
+        shards=5,
+        report=lambda phase, share: shares.append(share) if phase == "drift" else None,
+    )
+    runs.same(done, made)
+    assert shares == sorted(shares)
+    assert shares[0] < 0.5
+    assert shares[-1] == 1.0
+
+
+def test_a_worker_that_is_killed_costs_its_shards_only(
+    case: drift.Case, made: drift.Result, client: Any, tmp_path: Path
+) -> None:
+    killed: list[int] = []
+
+    def report(phase: str, share: float) -> None:
+        if phase == "drift" and not killed:
+            process = sorted(client.run(os.getpid).values())[0]
+            os.kill(process, signal.SIGKILL)
+            killed.append(process)
+
+    runs.same(drift.run(case, tmp_path / "out", client=client, shards=9, report=report), made)
+    assert killed
+
+
+def test_workers_of_another_kind_are_refused(
+    case: drift.Case, client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine = told.versions()
+    monkeypatch.setattr(told, "versions", lambda: {**mine, "numpy": "1.0"})
+    with pytest.raises(drift.UserError, match=r"worker tcp.*: numpy is .*, here it is 1\.0"):
+        drift.run(case, tmp_path / "out", client=client, shards=3)
+    monkeypatch.undo()
+    monkeypatch.setattr(told, "arithmetic", lambda: "vax 0")
+    with pytest.raises(drift.UserError, match=r"its arithmetic is .*, here it is vax 0"):
+        drift.run(case, tmp_path / "out", client=client, shards=3)
+
+
+def test_the_schedulers_loss_is_one_line(case: drift.Case, made: drift.Result, tmp_path: Path) -> None:
+    """Killed in the middle: what is finished is kept, and the same run goes on from there without a cluster."""
+    out, address = tmp_path / "out", tmp_path / "scheduler.json"
+    module = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--scheduler-file", str(address), "--port", "0"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with contextlib.ExitStack() as stack:
+        scheduler = stack.enter_context(subprocess.Popen([*module, "--dashboard-address", "127.0.0.1:0"], **quiet))
+        stack.callback(scheduler.kill)
+        asked = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(address), "--no-nanny"]
+        helper = stack.enter_context(subprocess.Popen([*asked, "--nthreads", "1", "--no-dashboard"], **quiet))
+        stack.callback(helper.kill)
+        while not address.exists():
+            time.sleep(0.1)
+        with cluster.connected(None, json.loads(address.read_text())["address"]) as client:
+            client.wait_for_workers(1, timeout=60)
+
+            def report(phase: str, share: float) -> None:
+                if phase == "drift" and 0 < share < 1:
+                    scheduler.kill()
+
+            with pytest.raises(
+                drift.UserError, match=r"the cluster is lost .* kept in .*: the same command goes on"
+            ) as error:
+                drift.run(case, out, client=client, shards=9, report=report)
+    assert "\n" not in str(error.value)
+    assert len(list((out.parent / f".{out.name}{work.SUFFIX}").glob(work.INDICES))) >= 1
+    runs.same(drift.run(case, out), made)
+
+
+@pytest.mark.parametrize(
+    ("workers", "address", "said"),
+    [
+        (0, None, "--workers 0 must be at least 1"),
+        (2, "tcp://127.0.0.1:1", "give one of them"),
+        (None, "tcp://127.0.0.1:1", "no cluster answers there"),
+        (None, "nowhere://", "no cluster answers there"),
+    ],
+)
+def test_no_such_cluster(workers: int | None, address: str | None, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster, "PATIENCE", 1)
+    with pytest.raises(drift.UserError, match=said), cluster.connected(workers, address):
+        pass
+
+
+def test_datasets_in_memory_stay_here(case: drift.Case, client: Any) -> None:
+    with pytest.raises(drift.UserError, match="workers read files"):
+        drift.run(case, datasets={"x": object()}, client=client)
