@@ -27,7 +27,8 @@ from kernels.coast import DeviceCoast
 GIB = 2**30
 BASE = 700 * 2**20  # [bytes] that a run takes however few its particles are: the program, the forcing, the coast, maps
 HELD = 200  # [bytes] a particle of the shard under way takes at most while it is drawn and moved
-LEAST = 2**16  # particles in a shard
+LEAST = 2**16  # particles in a shard, if memory is scarce
+LOSS = 2**20  # particles in a shard at most: what is under way is lost when a run is stopped
 PER_WORKER = 4  # shards at least, so that none waits long for another at the end
 
 
@@ -52,7 +53,7 @@ def possible(case: Case) -> str:
 
 
 def number(case: Case, memory: float | None, shards: int | None, workers: int = 1) -> int:
-    """Return how many shards a run is cut into: as many as is said, or as its memory asks for.
+    """Return how many shards a run is cut into: as many as is said, or as its memory and the loss at a stop ask for.
 
     memory: [GiB] it may take, by default half of what is free. workers: that share it. Raises UserError for what cannot
     be.
@@ -70,8 +71,8 @@ def number(case: Case, memory: float | None, shards: int | None, workers: int = 
     if workers > 1 and whole:
         raise UserError(f"{case.path.name} cannot be dealt out to workers: {whole}")
     room = (free() / 2 if memory is None else memory * GIB) / workers - BASE
-    many = math.ceil(case.particles * HELD / max(room, HELD * LEAST))
-    return 1 if whole else min(max(many, 1 if workers == 1 else PER_WORKER * workers), most)
+    size = min(max(int(room / HELD), LEAST), LOSS)
+    return 1 if whole else min(max(math.ceil(case.particles / size), 1 if workers == 1 else PER_WORKER * workers), most)
 
 
 def free() -> int:

@@ -14,7 +14,7 @@ import shards as runs
 import drift
 from drift import flow
 from drift.cli import commands
-from drift.shards import told, unit, work
+from drift.shards import divide, told, unit, work
 
 
 @pytest.fixture(scope="module")
@@ -210,13 +210,14 @@ def test_bad_input_is_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_memory_chooses_the_shards(case: drift.Case) -> None:
-    from drift.shards import divide
-
+def test_memory_and_the_loss_at_a_stop_choose_the_shards(case: drift.Case) -> None:
     many = drift.vary(case, {"particles": 100_000_000})
-    assert divide.number(many, None, None) >= 1
-    assert divide.number(many, 2.0, None) == -(-100_000_000 * divide.HELD // (2 * 2**30 - divide.BASE))
-    assert divide.number(many, 1e6, None) == 1
+    room = 0.8 * 2**30 - divide.BASE
+    assert divide.number(many, 0.8, None) == -(-100_000_000 // int(room / divide.HELD))
+    assert divide.number(many, 1e6, None) == 96  # of 2^20
+    assert divide.number(case, None, None) == 1
+    assert divide.number(case, None, None, workers=2) == 8
+    assert divide.number(case, None, None, workers=64) == 9  # its blocks
 
 
 def test_the_index_names_no_machine(case: drift.Case, tmp_path: Path) -> None:
