@@ -236,7 +236,7 @@ def rough(ax: Axes, frame: Frame, area: shapely.MultiPolygon) -> None:
     """Hatch an area of few particles: its edges are not where they seem."""
     rings = [Outline(np.column_stack(frame.project(*ring.T)), closed=True) for ring in kept(area)]
     if rings:
-        ax.add_patch(PathPatch(Outline.make_compound_path(*rings), zorder=2.5, **ROUGH))
+        chart.outline(ax, PathPatch(Outline.make_compound_path(*rings), zorder=2.5, **ROUGH))
 
 
 def outline(
@@ -263,7 +263,7 @@ def _coast(ax: Axes, frame: Frame, forecast: Forecast, contours: Sequence[Contou
         points, part = shapely.get_coordinates(list(found[share].geoms), return_index=True)
         codes = np.where(np.diff(part, prepend=-1) > 0, Outline.MOVETO, Outline.LINETO)
         path = Outline(np.column_stack(frame.project(*points.T)), codes)
-        ax.add_patch(PathPatch(path, fill=False, zorder=5.5, **band(share, forecast, few, width**2)))
+        chart.outline(ax, PathPatch(path, fill=False, zorder=5.5, **band(share, forecast, few, width**2)))
 
 
 def band(share: float, forecast: Forecast, few: bool = False, width: float = 1.0) -> dict[str, Any]:

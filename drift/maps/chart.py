@@ -121,7 +121,12 @@ def land_path(frame: Frame, polygons: Iterable[Any], pixels: float) -> Outline |
 def draw_land(ax: Axes, path: Outline | None) -> None:
     """Fill land, over shading, areas and graticule, and under routes and marks."""
     if path is not None:
-        ax.add_patch(PathPatch(path, facecolor=LAND, edgecolor=SHORE, linewidth=0.6, zorder=5))
+        outline(ax, PathPatch(path, facecolor=LAND, edgecolor=SHORE, linewidth=0.6, zorder=5))
+
+
+def outline(ax: Axes, patch: PathPatch) -> None:
+    """Draw an outline of many points, without the limits of its data that `add_patch` finds point by point in Python."""
+    ax.add_artist(patch)
 
 
 def graticule(
