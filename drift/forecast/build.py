@@ -104,6 +104,7 @@ def build(
     deposit: Deposit = cells.deposit,
     shares: tuple[float, ...] = SHARES,
     grid: Cells | None = None,
+    tell: Callable[[float], None] = lambda share: None,
 ) -> Forecast:
     """Return the products of an ensemble's snapshots.
 
@@ -112,8 +113,9 @@ def build(
     deposit: (lon, lat, weight, cells) -> int64 (nlat, nlon), as `cells.deposit`.
     shares: whose areas are asked for, ascending. grid: of the forecast; by default it follows the particles. Maps are
     made on cells that divide its cells, as far as there is anything: areas and containment count what lies outside it.
+    tell: takes the share that is done.
     """
-    return begin(snapshots, scenarios=scenarios, is_land=is_land, deposit=deposit, shares=shares, grid=grid)()
+    return begin(snapshots, scenarios=scenarios, is_land=is_land, deposit=deposit, shares=shares, grid=grid)(tell)
 
 
 def begin(
@@ -124,8 +126,8 @@ def begin(
     deposit: Deposit = cells.deposit,
     shares: tuple[float, ...] = SHARES,
     grid: Cells | None = None,
-) -> Callable[[], Forecast]:
-    """Return a function that does the rest of `build`, in any thread.
+) -> Callable[..., Forecast]:
+    """Return a function that does the rest of `build`, in any thread; what it is given takes the share that is done.
 
     `is_land` and `deposit`, which may need the device, are called before it is returned.
     """
@@ -141,9 +143,12 @@ def begin(
     ]
     bandwidths = None if grid is None else [None if cloud is None else cloud.spacing for cloud in clouds]
 
-    def rest() -> Forecast:
+    def rest(tell: Callable[[float], None] = lambda share: None) -> Forecast:
+        maps = []
         with ThreadPoolExecutor(AT_ONCE) as pool:
-            maps = list(pool.map(lambda own: None if own is None else _map(own, shares, common), laid))
+            for made in pool.map(lambda own: None if own is None else _map(own, shares, common), laid):
+                maps.append(made)
+                tell(len(maps) / len(laid))
         contours = tuple(
             Contour(snapshot.time, share, float(size), outline)
             for snapshot, drawn in zip(snapshots, maps, strict=True)
