@@ -151,11 +151,14 @@ def scale_top(at: Any) -> float:
     mass = at["probability"].values.astype(np.float64).ravel()
     adrift = mass - at["probability_ashore"].values.astype(np.float64).ravel()
     mass = adrift if adrift.sum() > 0.05 * mass.sum() else mass
-    density = 100 * mass / (at["cell_area"].values.ravel() / NMI**2)
+    there = np.flatnonzero(mass > 0)
+    if not there.size:
+        return 1e-12
+    mass = mass[there]
+    density = 100 * mass / (at["cell_area"].values.ravel()[there] / NMI**2)
     order = np.argsort(-density, kind="stable")
     inside = np.cumsum(mass[order])
-    best = float(density[order[np.searchsorted(inside, 0.1 * inside[-1])]]) if inside[-1] > 0 else 0.0
-    return best if best > 0 else max(float(density.max()), 1e-12)
+    return float(density[order[np.searchsorted(inside, 0.1 * inside[-1])]])
 
 
 def shade(ax: Axes, frame: Frame, forecast: Forecast, values: Array, norm: Any) -> Any:
@@ -164,7 +167,7 @@ def shade(ax: Axes, frame: Frame, forecast: Forecast, values: Array, norm: Any) 
     lon, lat = chart.edges(forecast.data["lon"].values), chart.edges(forecast.data["lat"].values)
     r = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 1)
     c = slice(columns[0], columns[-1] + 1) if len(columns) else slice(0, 1)
-    x, y = frame.project(*np.meshgrid(lon[c.start : c.stop + 1], lat[r.start : r.stop + 1]))
+    x, y = frame.net(lon[c.start : c.stop + 1], lat[r.start : r.stop + 1])
     return ax.pcolormesh(x, y, np.ma.masked_invalid(values[r, c]), cmap=shading(), norm=norm, zorder=1, rasterized=True)
 
 
