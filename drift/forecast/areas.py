@@ -88,7 +88,7 @@ def spread(
 
     Its shape is (nlat, nlon); with `at` it has the values of these cells alone, (k,).
     """
-    total = np.zeros(media[0].allowed.shape) if at is None else np.zeros(np.size(at.at[0]))
+    total = np.zeros(media[0].allowed.shape) if at is None else np.zeros(at.cells.size)
     for weights, guide, where in zip(mass, guides, media, strict=True):
         if weights.any():
             total += density.spread(cells[weights > 0], weights[weights > 0], guide, m, where, at)

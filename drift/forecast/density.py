@@ -136,11 +136,13 @@ def _gauss(values: Array) -> Array:
 class Reading:
     """Few cells of which the values of a map are wanted, and the way to them down the pyramid.
 
-    at: for each level the flat indices of the cells that are wanted, (n,); None for all.
+    cells: their flat indices, (n,).
+    at: the same for each level, of what is wanted there; None for all.
     above: for each level but the last the cells of the next one that share the mass of each of these, (4, n), as
     numbers among those that are wanted there.
     """
 
+    cells: Array
     at: tuple[Array | None, ...]
     above: tuple[Array | None, ...]
 
@@ -194,7 +196,7 @@ def reading(cells: Array, shapes: Sequence[tuple[int, int]]) -> Reading:
         else:
             at.append(None)
             above.append(over)
-    return Reading(tuple(at), tuple(above))
+    return Reading(cells, tuple(at), tuple(above))
 
 
 @dataclass(frozen=True)
@@ -262,11 +264,11 @@ def spread(cells: Array, mass: Array, guide: Histogram, m: float, where: Medium,
         mass = rest[cells]
     staying.append((cells, mass))
     if at is not None:
-        return np.asarray(_smoothed(staying, where, 0, at) * where.allowed.ravel()[at.at[0]])
+        return np.asarray(_smoothed(staying, where, 0, at) * where.allowed.ravel()[at.cells])
     if where.few is None:
         return np.asarray(_smoothed(staying, where, 0, None) * where.allowed)
     smooth = np.zeros(where.allowed.shape)
-    smooth.ravel()[where.few.at[0]] = _smoothed(staying, where, 0, where.few)
+    smooth.ravel()[where.few.cells] = _smoothed(staying, where, 0, where.few)
     return smooth
 
 
