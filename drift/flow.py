@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -53,6 +53,7 @@ from drift.suspend import chapter as suspend_chapter
 from drift.suspend import decision
 from drift.suspend.further import Planned
 from geo.errors import UserError
+from kernels import runtime
 
 REPORT = "report.html"
 
@@ -168,7 +169,12 @@ def made(job: Job, run: Ended) -> Result:
         end = survey.of(snapshots.outputs[-1], len(names))
         is_land = scene.land_of(stage.scene)
         forecast = forecast_build.build(
-            snapshots.outputs, scenarios=names, is_land=is_land, shares=case.areas, grid=case.grid
+            snapshots.outputs,
+            scenarios=names,
+            is_land=is_land,
+            shares=case.areas,
+            grid=case.grid,
+            tell=partial(job.tell, "map"),
         )
         tracks = _trajectories(case, snapshots)
     summary = facts.numbers(case, where, end, stage, job.clock.seconds)
@@ -277,7 +283,7 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
             result.forecast, result.trajectories, mapped_at, result.overlays, sensors
         )
         chapters.insert(0, forecast_chapter.chapter(forecast_matter))
-        publish(job.out, chapters, failed, overwrite=job.overwrite)
+        publish(job.out, chapters, failed, overwrite=job.overwrite, tell=partial(job.tell, "write"))
 
 
 def _surroundings(result: Result, on: Setting) -> list[Any]:
@@ -290,8 +296,13 @@ def _surroundings(result: Result, on: Setting) -> list[Any]:
     return [*begun, *ways, *flows]
 
 
-def publish(out: Path, chapters: Sequence[Chapter], on: Setting, *, overwrite: bool) -> None:
-    """Write chapters and the report of them; a picture that cannot be drawn is left out, with a warning."""
+def publish(
+    out: Path, chapters: Sequence[Chapter], on: Setting, *, overwrite: bool, tell: Callable[[float], None]
+) -> None:
+    """Write chapters and the report of them; a picture that cannot be drawn is left out, with a warning.
+
+    tell: takes the share that is written.
+    """
     from drift.maps import page  # here: Matplotlib takes a second to import
     from drift.report import page as report_page
 
@@ -301,7 +312,8 @@ def publish(out: Path, chapters: Sequence[Chapter], on: Setting, *, overwrite: b
     def told(path: Path) -> None:
         report_page.write(path, [leaf for leaves in whole.leaves for leaf in leaves()], on, whole.warnings)
 
-    writer.write(out, [replace(whole, pictures=pictures, digests={REPORT: page.kept(told)})], overwrite=overwrite)
+    drawn = replace(whole, pictures=pictures, digests={REPORT: page.kept(told)})
+    writer.write(out, [drawn], overwrite=overwrite, processes=runtime.threads(), tell=tell)
 
 
 def suspension(result: Result, planned: Planned | None = None) -> decision.Suspension | None:
@@ -348,7 +360,7 @@ def origin(
         run = Chapter(facts=facts.attributes(case, where))
         end = Chapter({"wall_time_s": job.clock.seconds}, leaves=(lambda: [facts.written(case)],))
         chapters = [run, backtrack_chapter.chapter(matter), end]
-        publish(job.out, chapters, matter.setting, overwrite=job.overwrite)
+        publish(job.out, chapters, matter.setting, overwrite=job.overwrite, tell=partial(job.tell, "write"))
     return release
 
 

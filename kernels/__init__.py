@@ -34,6 +34,7 @@ sweeps   what legs that are flown find
 Arrays and numbers in, arrays out. Modules here do without `from __future__ import annotations`: it breaks Taichi.
 """
 
+import inspect
 import os
 
 # Taichi prints a banner and asks a server for its newest version when imported; a rescue tool does neither.
@@ -41,3 +42,6 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "False")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 # Where standard output is not a terminal's own, as in a notebook, it says so and takes in what kernels print: none does.
 os.environ.setdefault("TI_ENABLE_PYBUF", "0")
+# Taichi asks at each of its decorators which source line imports the module, of a frame of Python's importer, which has no
+# source: all modules are looked through in vain, half a second in all, unless it is known where that frame belongs.
+inspect.modulesbyfile.setdefault("<frozen importlib._bootstrap>", "importlib._bootstrap")

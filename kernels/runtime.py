@@ -129,6 +129,11 @@ def _check_same(backend: str, threads: int | None) -> None:
         )
 
 
+def threads() -> int:
+    """Return how many threads Taichi runs on, or would run on if it was started now."""
+    return int(str(_started.get("threads", cores())))
+
+
 def backend() -> str:
     """Return the name of the running backend, or "none"."""
     return str(_started.get("backend", "none"))

@@ -13,7 +13,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import pint
 
 from geo import notation, sphere
 
@@ -44,9 +43,19 @@ Instant = np.datetime64 | np.timedelta64  # a time, or an interval after the sta
 MISREAD = {"nm": "nmi", "NM": "nmi", "Nm": "nmi", "M": "nmi or m", "miles": "nmi or mi", "mile": "nmi or mi"}
 
 
+# What cases are written in, in SI: Pint, which knows all other units and does the same sums, takes half a second to begin.
+USUAL = {
+    ("nmi", "m"): 1852.0, ("km", "m"): 1000.0, ("m", "m"): 1.0, ("ft", "m"): 0.9144 * (1 / 3), ("nmi2", "m^2"): 1852.0**2,
+    ("d", "s"): 86_400.0, ("h", "s"): 3600.0, ("min", "s"): 60.0, ("s", "s"): 1.0, ("/day", "1/s"): 1 / 86_400,
+    ("/h", "1/s"): 1 / 3600, ("kn", "m/s"): 1852 / 3600, ("m/s", "m/s"): 1.0, ("%", ""): 0.01, ("deg", "deg"): 1.0,
+}  # fmt: skip
+
+
 @lru_cache(maxsize=1)
 def registry() -> Any:
-    """Return the units in use; built once, at the first quantity that carries a unit."""
+    """Return the units in use; built once, at the first quantity that carries a unit beyond the usual ones."""
+    import pint
+
     units: Any = pint.UnitRegistry()
     if "kn" not in units:  # pint before 0.25, the last for Python 3.10, knows a knot as kt alone
         units.define("@alias knot = kn")
@@ -76,6 +85,10 @@ def _convert(text: str, unit: str, what: str, example: str) -> float:
         return number
     if name in MISREAD:
         raise ValueError(f'"{text}": the unit "{name}" can be misread; write {MISREAD[name]}')
+    if usual := USUAL.get((name, unit)):
+        return number * usual
+    import pint
+
     try:
         spelled = re.sub(r"^(/|per\s+)\s*", "1/", name.replace("²", "2"))
         if TOWER.search(spelled):

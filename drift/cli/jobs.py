@@ -25,7 +25,7 @@ def run(given: argparse.Namespace) -> Answer:
         with cluster.connected(given.workers, given.cluster) as client:
             result = flow.run(case, out, client=client, **options)
     made = result.summary["run"]
-    last = {**tables.numbers(result.forecast), **result.summary}
+    last = {**tables.numbers(result.forecast, result.setting.opens), **result.summary}
     told = outcome.spill(last) if case.spill else outcome.forecast(last)
     # What steers is moved exactly: only drift has a scheme and errors of its step.
     scheme = f"{made['scheme']}, step {made['step_s']} s, " if facts.drifts(case) else ""

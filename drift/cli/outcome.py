@@ -36,8 +36,7 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     for name, key in (("mean position", "mean"), (f"datum (mean of those {afloat})", "datum")):
         if end[key]:
             facts[name] = end[key]["text"]
-    for share, area in end["area_nmi2"].items():
-        facts[f"{share} area"] = f"{area:,.0f} nmi2" if area == area else "none"
+    facts |= {f"{share} area": told for share, told in _areas(end).items()} | _opening(numbers)
     for status, share in numbers["account"].items():
         if share > 0:
             facts[status.replace("_", " ")] = _percent(share)
@@ -49,18 +48,38 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     return facts | _stories(numbers["scenario_weights"])
 
 
+def _areas(output: dict[str, Any]) -> Facts:
+    """Return the areas of an output in words, by the shares that they hold."""
+    return {share: f"{area:,.0f} nmi2" if area == area else "none" for share, area in output["area_nmi2"].items()}
+
+
+def _opened(numbers: dict[str, Any]) -> dict[str, Any]:
+    """Return the output that the map and the report show first."""
+    return next(output for output in numbers["outputs"] if output["time"] == numbers["opens"])
+
+
+def _opening(numbers: dict[str, Any]) -> Facts:
+    """Return at which time the map and the report open, and the areas then, where that is not the end."""
+    at = _opened(numbers)
+    if at is numbers["outputs"][-1]:
+        return {}
+    areas = ", ".join(f"{share} {told}" for share, told in _areas(at).items())
+    return {"map.png, report.html": f"open at {at['date_time_group']}, areas then: {areas}"}
+
+
 def numbers(last: dict[str, Any]) -> dict[str, Any]:
     """Return the same for programs, at the end of the run: positions in degrees, the rest in SI.
 
     last: the numbers of the summary. What there are more of stands in summary.json.
     """
-    end, run = last["outputs"][-1], last["run"]
+    end, opened, run = last["outputs"][-1], _opened(last), last["run"]
     told = {
         "time": end["time"],
         **{
             name: end[name] and {"lon_deg": end[name]["lon"], "lat_deg": end[name]["lat"]} for name in ("mean", "datum")
         },
-        "area_m2": {share: 1e6 * area for share, area in end["area_km2"].items()},
+        "area_m2": _square_metres(end),
+        "opens": {"time": opened["time"], "area_m2": _square_metres(opened)},  # map.png and report.html
         "status": last["account"],
         "scenarios": {
             name: {key: story[key] for key in ("prior", "posterior")}
@@ -83,6 +102,11 @@ def numbers(last: dict[str, Any]) -> dict[str, Any]:
             key: last["spill"][key] for key in ("totals", "worst_stretches", "effective_worlds", "finds", "silence")
         }
     return told
+
+
+def _square_metres(output: dict[str, Any]) -> dict[str, float]:
+    """Return the areas of an output [m2] by the shares that they hold."""
+    return {share: 1e6 * area for share, area in output["area_km2"].items()}
 
 
 def _stories(stories: dict[str, Any]) -> Facts:

@@ -9,6 +9,7 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -92,7 +93,8 @@ def compare(
     if out is not None:
         job_a.tell("write", 0.0)
         chapters = chapter.chapters(found, (job_a, job_b))
-        flow.publish(Path(out), chapters, chapter.setting(found, (job_a, job_b)), overwrite=overwrite)
+        setting, tell = chapter.setting(found, (job_a, job_b)), partial(job_a.tell, "write")
+        flow.publish(Path(out), chapters, setting, overwrite=overwrite, tell=tell)
     return found
 
 

@@ -132,13 +132,13 @@ def _difference(
     sure = np.abs(change) > SURE * error
     scale = TwoSlopeNorm(0.0, -max(most, 1e-12), max(most, 1e-12))
     lon, lat = chart.edges(found.data["lon"].values), chart.edges(found.data["lat"].values)
-    x, y = frame.project(*np.meshgrid(lon, lat))
+    x, y = frame.net(lon, lat)
     shown = np.ma.masked_where(~sure | (np.abs(change) < most / 100), change)
     mesh = ax.pcolormesh(x, y, shown, cmap=COLOURS, norm=scale, zorder=1, rasterized=True)
     rows: list[tuple[Any, str]] = []
     runs: tuple[tuple[int, str, Any, str], ...] = ((1, MORE, "-", "more"), (-1, LESS, (0, (4, 2)), "less"))
     if most > 0:
-        x, y = frame.project(*np.meshgrid(found.data["lon"].values, found.data["lat"].values))
+        x, y = frame.net(found.data["lon"].values, found.data["lat"].values)
         for sign, colour, style, words in runs:
             firm = np.where(sure, np.maximum(sign * change, 0.0), 0.0)
             if firm.max() > LEVELS[0] * most:

@@ -19,7 +19,7 @@ from matplotlib.path import Path as Outline
 
 from drift.environment import corridors
 from drift.environment.ambient import Flow
-from drift.maps import labels
+from drift.maps import chart, labels
 from drift.maps.chart import Frame
 from drift.maps.overlay import Overlay
 from drift.motion import lanes as network_of
@@ -73,7 +73,7 @@ def lanes(ax: Axes, frame: Frame, network: Network, alpha: float = 0.75) -> None
     rings = [np.array(ring.coords) for ring in shapely.get_rings(shapely.get_parts(whole))]
     codes = [[Outline.MOVETO, *[Outline.LINETO] * (len(ring) - 2), Outline.CLOSEPOLY] for ring in rings]
     wash = Outline(np.concatenate(rings), np.concatenate(codes))
-    ax.add_patch(PathPatch(wash, facecolor=WASH, edgecolor="none", alpha=alpha, zorder=5.5))
+    chart.outline(ax, PathPatch(wash, facecolor=WASH, edgecolor="none", alpha=alpha, zorder=5.5))
     lines = [np.column_stack(frame.project(*line.T)) for line in middles(network)]
     ax.add_collection(LineCollection(lines, colors=INK, linewidths=0.7, zorder=6), autolim=False)
     for lane in np.flatnonzero(network.one_way):

@@ -60,29 +60,35 @@ class Area:
 More = tuple[Array, ...] | None  # what density.wider returns
 
 
-def guides_of(
-    cells: Array, mass: Array, squares: Array, media: Sequence[density.Medium], more: More = None
-) -> list[density.Histogram]:
+Guides = list[density.Histogram]  # of the kernels of each medium
+
+
+def guides_of(cells: Array, mass: Array, squares: Array, media: Sequence[density.Medium]) -> Guides:
     """Return what guides the kernels of each medium, from weights and squared weights (media, n) in cells."""
     return [
-        density.histogram(cells[w > 0], w[w > 0], s[w > 0], where, more)
+        density.histogram(cells[w > 0], w[w > 0], s[w > 0], where)
         for w, s, where in zip(mass, squares, media, strict=True)
     ]
+
+
+def divided(guides: Guides, more: More) -> Guides:
+    """Return guides by which kernels take in more times as many particles."""
+    return [density.divided(guide, more) for guide in guides]
 
 
 def spread(
     cells: Array,
     mass: Array,
-    guides: Sequence[density.Histogram],
+    guides: Guides,
     m: float,
     media: Sequence[density.Medium],
-    at: Array | None = None,
+    at: density.Reading | None = None,
 ) -> Array:
     """Return the smooth map of all media together from weights (media, n) in cells.
 
-    Its shape is (nlat, nlon); with `at` it has the values at these flat indices alone, (k,).
+    Its shape is (nlat, nlon); with `at` it has the values of these cells alone, (k,).
     """
-    total = np.zeros(media[0].allowed.shape if at is None else at.size)
+    total = np.zeros(media[0].allowed.shape) if at is None else np.zeros(at.cells.size)
     for weights, guide, where in zip(mass, guides, media, strict=True):
         if weights.any():
             total += density.spread(cells[weights > 0], weights[weights > 0], guide, m, where, at)
@@ -102,18 +108,15 @@ def _choose(
     effective = sum(mass.sum() for mass, _ in halves) ** 2 / sum(squares.sum() for _, squares in halves)
     pairs = [(0, 1), (1, 0)] if effective < MANY else [(0, 1)]
 
-    def guided(more: More) -> list[list[density.Histogram]]:
-        return [guides_of(cells, *half, media, more) for half in halves]
-
-    plain = guided(None)
+    plain = [guides_of(cells, *half, media) for half in halves]
     weights, where = [], []
     for _, other in pairs:
         seen = halves[other][0].sum(axis=0)
-        where.append(cells[seen > 0])
+        where.append(density.reading(cells[seen > 0], [(reach.shape[0], reach.shape[1]) for reach in media[0].reach]))
         weights.append(seen[seen > 0])
     weight = np.concatenate(weights)
 
-    def score(step: int, guides: list[list[density.Histogram]] = plain) -> Array:
+    def score(step: int, guides: list[Guides] = plain) -> Array:
         logs = []
         for (half, _), there in zip(pairs, where, strict=True):
             mass = halves[half][0]
@@ -134,7 +137,9 @@ def _choose(
         best, score_best = best + 1, score_next
     while -3 < best <= 0 and gain(score_next := score(best - 1), score_best) > 2:
         best, score_best = best - 1, score_next
-    return start * 2.0**best, more if gain(score(best, guided(more)), score_best) > -2 else None
+    return start * 2.0**best, more if gain(
+        score(best, [divided(guides, more) for guides in plain]), score_best
+    ) > -2 else None
 
 
 def _calibrated(mass: Array, cells: Cells, held: Array, unseen: Array, k: int) -> Array:
@@ -172,14 +177,12 @@ def build(
     """
     area, held = cells.area(), deposits.cells
 
-    def smooth(mass: Array, squares: Array, m: float, more: More) -> Array:
-        return spread(held, mass, guides_of(held, mass, squares, media, more), m, media)
-
     groups = deposits.mass.sum(axis=(1, 2))
     mass, squares = deposits.mass.sum(axis=0), deposits.squares.sum(axis=0)
     effective = groups.sum() ** 2 / squares.sum()
     m = density.PER_KERNEL * effective ** (2 / 3)
-    more: More = density.wider(smooth(mass, squares, density.WIDER * m, None), area)
+    plain = guides_of(held, mass, squares, media)
+    more: More = density.wider(spread(held, mass, plain, density.WIDER * m, media), area)
     calibration = coarse = density.Calibration(density.KNOTS)
     share_held = np.full(len(shares), np.nan)
     if groups.min() > 0:
@@ -189,7 +192,8 @@ def build(
         m *= 2
         calibrations = []
         for unseen, their_squares in zip(deposits.mass, deposits.squares, strict=True):
-            rest = smooth(mass - unseen, squares - their_squares, 0.75 * m, more)
+            seen, guides = mass - unseen, guides_of(held, mass - unseen, squares - their_squares, media)
+            rest = spread(held, seen, divided(guides, more), 0.75 * m, media)
             calibrations.append(_calibrated(rest, cells, held, unseen.sum(axis=0), k))
         calibration, coarse = (density.Calibration(curve) for curve in np.average(calibrations, axis=0, weights=groups))
         folds = [fold[0] for fold in calibrations]
@@ -200,7 +204,7 @@ def build(
             for fold, other in zip(folds, others, strict=True)
         ]
         share_held = np.average(checks, axis=0, weights=groups)
-    guides = guides_of(held, mass, squares, media, more)
+    guides = divided(plain, more)
     probability = np.stack(
         [
             np.stack([spread(held, scenario[[i]], guides[i : i + 1], m, media[i : i + 1]) for i in range(len(media))])

@@ -65,9 +65,7 @@ def hidden(frame: Frame, shapes: Sequence[Array]) -> bool:
 def _outside(frame: Frame, at: Any) -> Array:
     """Return the probability of the cells outside a frame, 0 in it, (nlat, nlon)."""
     mass = at["probability"].values.astype(np.float64)
-    rows, columns = np.nonzero(mass)
-    inside = within(frame, np.column_stack([at["lon"].values[columns], at["lat"].values[rows]]))
-    mass[rows[inside], columns[inside]] = 0.0
+    mass[frame.holds(*frame.net(at["lon"].values, at["lat"].values))] = 0.0
     return np.asarray(mass)
 
 

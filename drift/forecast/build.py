@@ -90,6 +90,7 @@ def build(
     is_land: IsLand | None = None,
     shares: tuple[float, ...] = SHARES,
     grid: Cells | None = None,
+    tell: Callable[[float], None] = lambda share: None,
 ) -> Forecast:
     """Return the products of the particles at some times.
 
@@ -97,8 +98,9 @@ def build(
     is_land: int32 binary angles (lon, lat), each (n,) -> bool (n,); particles' own cells always count as reachable.
     shares: whose areas are asked for, ascending. grid: of the forecast; by default it follows the particles. Maps are
     made on cells that divide its cells, as far as there is anything: areas and containment count what lies outside it.
+    tell: takes the share that is done.
     """
-    return begin(outputs, scenarios=scenarios, is_land=is_land, shares=shares, grid=grid)()
+    return begin(outputs, scenarios=scenarios, is_land=is_land, shares=shares, grid=grid)(tell)
 
 
 def begin(
@@ -108,8 +110,8 @@ def begin(
     is_land: IsLand | None = None,
     shares: tuple[float, ...] = SHARES,
     grid: Cells | None = None,
-) -> Callable[[], Forecast]:
-    """Return a function that does the rest of `build`, in any thread.
+) -> Callable[..., Forecast]:
+    """Return a function that does the rest of `build`, in any thread; what it is given takes the share that is done.
 
     The particles are read, and `is_land`, which may need the device, is called before it is returned.
     """
@@ -124,9 +126,12 @@ def begin(
     ]
     bandwidths = None if grid is None else [None if own is None else own.spacing for own in clouds]
 
-    def rest() -> Forecast:
+    def rest(tell: Callable[[float], None] = lambda share: None) -> Forecast:
+        maps = []
         with ThreadPoolExecutor(AT_ONCE) as pool:
-            maps = list(pool.map(lambda own: None if own is None else _map(own, shares, common), laid))
+            for made in pool.map(lambda own: None if own is None else _map(own, shares, common), laid):
+                maps.append(made)
+                tell(len(maps) / len(laid))
         contours = tuple(
             Contour(known.time, share, float(size), outline)
             for known, drawn in zip(surveys, maps, strict=True)

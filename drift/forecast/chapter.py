@@ -73,7 +73,7 @@ def chapter(matter: Matter) -> Chapter:
     """Return the chapter of a forecast."""
     several = matter.forecast.data.sizes["scenario"] > 1
     return Chapter(
-        tables.numbers(matter.forecast),
+        tables.numbers(matter.forecast, matter.setting.opens),
         bound(FILES, matter),
         bound(PICTURES | STORIES if several else PICTURES, matter),
         leaves=(partial(_leaves, matter),),

@@ -102,15 +102,18 @@ def _above(cells: Array, shape: tuple[int, int]) -> tuple[Array, tuple[int, int]
     return np.stack([y + x for y in rows for x in columns]), coarse
 
 
-def _raised(cells: Array, values: Array, shape: tuple[int, int]) -> Array:
-    """Return `_coarser` of a grid that is zero except in some cells (flat indices, n)."""
+def _raised(cells: Array, shape: tuple[int, int], *values: Array) -> list[Array]:
+    """Return `_coarser` of grids that are zero except in some cells (flat indices, n), each flat."""
     if FEW * cells.size < shape[0] * shape[1]:
         above, coarse = _above(cells, shape)
-        summed = np.bincount(above.ravel(), np.outer(PARTS, values).ravel(), coarse[0] * coarse[1])
-        return np.asarray(summed.reshape(coarse))
-    fine = np.zeros(shape[0] * shape[1])
-    fine[cells] = values
-    return _coarser(fine.reshape(shape))
+        index, size = above.ravel(), coarse[0] * coarse[1]
+        return [np.bincount(index, np.outer(PARTS, some).ravel(), size) for some in values]
+    raised = []
+    for some in values:
+        fine = np.zeros(shape[0] * shape[1])
+        fine[cells] = some
+        raised.append(_coarser(fine.reshape(shape)).ravel())
+    return raised
 
 
 def _gauss(values: Array) -> Array:
@@ -120,16 +123,31 @@ def _gauss(values: Array) -> Array:
 
 
 @dataclass(frozen=True)
+class Reading:
+    """Few cells of which the values of a map are wanted, and the way to them down the pyramid.
+
+    cells: their flat indices, (n,).
+    at: the same for each level, of what is wanted there; None for all.
+    above: for each level but the last the cells of the next one that share the mass of each of these, (4, n), as
+    numbers among those that are wanted there.
+    """
+
+    cells: Array
+    at: tuple[Array | None, ...]
+    above: tuple[Array | None, ...]
+
+
+@dataclass(frozen=True)
 class Medium:
     """Where mass may lie: allowed cells (nlat, nlon).
 
     reach: the kernel's share on them, for each level of the pyramid.
-    few: the flat indices of the allowed cells, where they are few; None where they are not.
+    few: the allowed cells, where they are few; None where they are not.
     """
 
     allowed: Array
     reach: tuple[Array, ...]
-    few: Array | None
+    few: Reading | None
 
 
 def medium(allowed: Array) -> Medium:
@@ -138,8 +156,37 @@ def medium(allowed: Array) -> Medium:
     while min(levels[-1].shape) >= 16:
         levels.append(_coarser(levels[-1]))
     cells = np.flatnonzero(allowed)
-    few = cells if FEW * cells.size < allowed.size else None
+    few = (
+        reading(cells, [(level.shape[0], level.shape[1]) for level in levels])
+        if FEW * cells.size < allowed.size
+        else None
+    )
     return Medium(allowed, tuple(_gauss(level) for level in levels), few)
+
+
+def reading(cells: Array, shapes: Sequence[tuple[int, int]]) -> Reading:
+    """Return how the values of some cells (flat indices, n) are read; shapes: of the levels of the pyramid."""
+    at: list[Array | None] = [cells]
+    above: list[Array | None] = []
+    for shape in shapes[:-1]:
+        here = at[-1]
+        if here is None:
+            at.append(None)
+            above.append(None)
+            continue
+        over, coarse = _above(here, shape)
+        wanted = np.zeros(coarse[0] * coarse[1], bool)
+        wanted[over] = True
+        few = np.flatnonzero(wanted)
+        if FEW * few.size < wanted.size:
+            number = np.zeros(wanted.size, np.intp)
+            number[few] = np.arange(few.size)
+            at.append(few)
+            above.append(number[over])
+        else:
+            at.append(None)
+            above.append(over)
+    return Reading(cells, tuple(at), tuple(above))
 
 
 @dataclass(frozen=True)
@@ -168,33 +215,33 @@ def wider(first: Array, area: Array) -> tuple[Array, ...]:
     return tuple(levels)
 
 
-def histogram(
-    cells: Array, mass: Array, squares: Array, where: Medium, more: tuple[Array, ...] | None = None
-) -> Histogram:
-    """Return the effective numbers of particles, from weights and their squares in cells, each (n,).
+def divided(guide: Histogram, more: tuple[Array, ...] | None) -> Histogram:
+    """Return a guide by which kernels take in more times as many particles; see `wider`."""
+    if more is None:
+        return guide
+    return Histogram(tuple(number / factor for number, factor in zip(guide.number, more, strict=True)))
 
-    The cells are flat indices. more: factors by which they are divided (see `wider`), so that kernels take in so many
-    times as many.
-    """
+
+def histogram(cells: Array, mass: Array, squares: Array, where: Medium) -> Histogram:
+    """Return the effective numbers of particles, from weights and their squares in cells (flat indices), each (n,)."""
     numbers = []
     for level, reach in enumerate(where.reach):
         variance = 1.5 - 0.5 / 4**level  # of the kernel, in this level's cells: Gauss plus down and up
         number = np.divide(variance * mass**2, squares, out=np.zeros(cells.size), where=squares > 0)
         numbers.append(np.zeros(reach.shape))
-        numbers[-1].ravel()[cells] = number if more is None else number / more[level].ravel()[cells]
+        numbers[-1].ravel()[cells] = number
         if level + 1 < len(where.reach):
-            shape = (reach.shape[0], reach.shape[1])
-            first, second = (_raised(cells, values, shape).ravel() for values in (mass, squares))
+            first, second = _raised(cells, (reach.shape[0], reach.shape[1]), mass, squares)
             cells = np.flatnonzero(first > 0)
             mass, squares = first[cells], second[cells]
     return Histogram(tuple(numbers))
 
 
-def spread(cells: Array, mass: Array, guide: Histogram, m: float, where: Medium, at: Array | None = None) -> Array:
+def spread(cells: Array, mass: Array, guide: Histogram, m: float, where: Medium, at: Reading | None = None) -> Array:
     """Return mass in cells (flat indices, n) as a smooth map (nlat, nlon).
 
     Kernels hold `m` effective particles of the guide. The map is linear in mass: those of scenarios add up to that of
-    all. The total is kept to rounding. at: flat indices of the cells whose values alone are wanted, and returned, (k,).
+    all. The total is kept to rounding. at: the cells whose values alone are wanted, and returned, (k,).
     """
     staying: list[tuple[Array, Array]] = []  # for each level the cells whose mass is smoothed there, and how much
     for number in guide.number[:-1]:
@@ -202,41 +249,34 @@ def spread(cells: Array, mass: Array, guide: Histogram, m: float, where: Medium,
         share = np.clip((4 - m / np.maximum(number.ravel()[cells], m / 8)) / 3, 0, 1)
         stays = share > 0
         staying.append((cells[stays], (mass * share)[stays]))
-        rest = _raised(cells, mass * (1 - share), number.shape).ravel()
+        (rest,) = _raised(cells, (number.shape[0], number.shape[1]), mass * (1 - share))
         cells = np.flatnonzero(rest > 0)
         mass = rest[cells]
     staying.append((cells, mass))
     if at is not None:
-        return np.asarray(_smoothed(staying, where, 0, at) * where.allowed.ravel()[at])
+        return np.asarray(_smoothed(staying, where, 0, at) * where.allowed.ravel()[at.cells])
     if where.few is None:
         return np.asarray(_smoothed(staying, where, 0, None) * where.allowed)
     smooth = np.zeros(where.allowed.shape)
-    smooth.ravel()[where.few] = _smoothed(staying, where, 0, where.few)
+    smooth.ravel()[where.few.cells] = _smoothed(staying, where, 0, where.few)
     return smooth
 
 
-def _smoothed(staying: Sequence[tuple[Array, Array]], where: Medium, level: int, at: Array | None) -> Array:
+def _smoothed(staying: Sequence[tuple[Array, Array]], where: Medium, level: int, few: Reading | None) -> Array:
     """Return what stays at a level and above, smoothed there and brought down to it.
 
-    at: flat indices of the cells that are wanted; None for all.
+    few: the cells that are wanted; None for all.
     """
     reach, (cells, stay) = where.reach[level], staying[level]
+    at = few.at[level] if few else None
     shape = (reach.shape[0], reach.shape[1])
     if not any(above[0].size for above in staying[level + 1 :]):
         smooth = np.zeros(shape if at is None else at.size)
     elif at is None:
         smooth = _finer(_smoothed(staying, where, level + 1, None), shape)
     else:
-        above, coarse = _above(at, shape)
-        wanted = np.zeros(coarse[0] * coarse[1], bool)
-        wanted[above] = True
-        few = np.flatnonzero(wanted)
-        if FEW * few.size < wanted.size:
-            values = np.zeros(wanted.size)
-            values[few] = _smoothed(staying, where, level + 1, few)
-        else:
-            values = _smoothed(staying, where, level + 1, None).ravel()
-        smooth = np.asarray(PARTS @ values[above])
+        assert few is not None
+        smooth = np.asarray(PARTS @ _smoothed(staying, where, level + 1, few).ravel()[few.above[level]])
     if cells.size:
         rows, columns = np.divmod(cells, shape[1])
         south, west = max(rows.min() - REACH, 0), max(columns.min() - REACH, 0)  # all is zero beyond these

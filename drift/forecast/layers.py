@@ -151,11 +151,14 @@ def scale_top(at: Any) -> float:
     mass = at["probability"].values.astype(np.float64).ravel()
     adrift = mass - at["probability_ashore"].values.astype(np.float64).ravel()
     mass = adrift if adrift.sum() > 0.05 * mass.sum() else mass
-    density = 100 * mass / (at["cell_area"].values.ravel() / NMI**2)
+    there = np.flatnonzero(mass > 0)
+    if not there.size:
+        return 1e-12
+    mass = mass[there]
+    density = 100 * mass / (at["cell_area"].values.ravel()[there] / NMI**2)
     order = np.argsort(-density, kind="stable")
     inside = np.cumsum(mass[order])
-    best = float(density[order[np.searchsorted(inside, 0.1 * inside[-1])]]) if inside[-1] > 0 else 0.0
-    return best if best > 0 else max(float(density.max()), 1e-12)
+    return float(density[order[np.searchsorted(inside, 0.1 * inside[-1])]])
 
 
 def shade(ax: Axes, frame: Frame, forecast: Forecast, values: Array, norm: Any) -> Any:
@@ -164,7 +167,7 @@ def shade(ax: Axes, frame: Frame, forecast: Forecast, values: Array, norm: Any) 
     lon, lat = chart.edges(forecast.data["lon"].values), chart.edges(forecast.data["lat"].values)
     r = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 1)
     c = slice(columns[0], columns[-1] + 1) if len(columns) else slice(0, 1)
-    x, y = frame.project(*np.meshgrid(lon[c.start : c.stop + 1], lat[r.start : r.stop + 1]))
+    x, y = frame.net(lon[c.start : c.stop + 1], lat[r.start : r.stop + 1])
     return ax.pcolormesh(x, y, np.ma.masked_invalid(values[r, c]), cmap=shading(), norm=norm, zorder=1, rasterized=True)
 
 
@@ -236,7 +239,7 @@ def rough(ax: Axes, frame: Frame, area: shapely.MultiPolygon) -> None:
     """Hatch an area of few particles: its edges are not where they seem."""
     rings = [Outline(np.column_stack(frame.project(*ring.T)), closed=True) for ring in kept(area)]
     if rings:
-        ax.add_patch(PathPatch(Outline.make_compound_path(*rings), zorder=2.5, **ROUGH))
+        chart.outline(ax, PathPatch(Outline.make_compound_path(*rings), zorder=2.5, **ROUGH))
 
 
 def outline(
@@ -263,7 +266,7 @@ def _coast(ax: Axes, frame: Frame, forecast: Forecast, contours: Sequence[Contou
         points, part = shapely.get_coordinates(list(found[share].geoms), return_index=True)
         codes = np.where(np.diff(part, prepend=-1) > 0, Outline.MOVETO, Outline.LINETO)
         path = Outline(np.column_stack(frame.project(*points.T)), codes)
-        ax.add_patch(PathPatch(path, fill=False, zorder=5.5, **band(share, forecast, few, width**2)))
+        chart.outline(ax, PathPatch(path, fill=False, zorder=5.5, **band(share, forecast, few, width**2)))
 
 
 def band(share: float, forecast: Forecast, few: bool = False, width: float = 1.0) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from drift.forecast import dataset
+from drift.forecast import dataset, mapped
 from drift.forecast.build import Forecast
 from drift.forecast.likeliest import Shown
 from drift.output import formats, geojson
@@ -13,8 +13,11 @@ from geo import notation, sphere
 from geo.notation import NMI
 
 
-def numbers(forecast: Forecast) -> dict[str, Any]:
-    """Return the forecast's numbers for the summary: `scenarios` and, by time, `outputs`."""
+def numbers(forecast: Forecast, opens: np.datetime64 | None = None) -> dict[str, Any]:
+    """Return the forecast's numbers for the summary: `scenarios` and, by time, `outputs`.
+
+    opens: the time that the map and the report show first, as drift.forecast.mapped.opening takes it; it is told too.
+    """
     data = forecast.data
     names = [str(name) for name in data["scenario"].values]
     weights = data["scenario_probability"].values
@@ -23,6 +26,7 @@ def numbers(forecast: Forecast) -> dict[str, Any]:
             {"name": name, "prior": weights[0, i], "posterior": weights[-1, i]} for i, name in enumerate(names)
         ],
         "outputs": [_output(forecast, i) for i in range(data.sizes["time"])],
+        "opens": data["time"].values[mapped.opening(data, opens)],
     }
 
 

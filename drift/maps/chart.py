@@ -46,6 +46,14 @@ class Frame:
         xyz = self.crs.transform_points(DEGREES, lon.ravel(), lat.ravel())
         return xyz[:, 0].reshape(lon.shape), xyz[:, 1].reshape(lon.shape)
 
+    def net(self, lon: Array, lat: Array) -> tuple[Array, Array]:
+        """Return (x, y) [m] where meridians (n,) cross parallels (m,) [deg], (m, n) each."""
+        if not isinstance(self.crs, ccrs.Mercator):
+            return self.project(*np.meshgrid(lon, lat))
+        # A meridian has one x there, and a parallel one y.
+        x, y = np.meshgrid(self.project(lon, 0.0)[0], self.project(self.centre[0], lat)[1])
+        return x, y
+
     def holds(self, x: Any, y: Any) -> Array:
         """Return which points [m] are in the frame, bool; same shape."""
         return np.asarray((self.x[0] <= x) & (x <= self.x[1]) & (self.y[0] <= y) & (y <= self.y[1]))
@@ -121,7 +129,12 @@ def land_path(frame: Frame, polygons: Iterable[Any], pixels: float) -> Outline |
 def draw_land(ax: Axes, path: Outline | None) -> None:
     """Fill land, over shading, areas and graticule, and under routes and marks."""
     if path is not None:
-        ax.add_patch(PathPatch(path, facecolor=LAND, edgecolor=SHORE, linewidth=0.6, zorder=5))
+        outline(ax, PathPatch(path, facecolor=LAND, edgecolor=SHORE, linewidth=0.6, zorder=5))
+
+
+def outline(ax: Axes, patch: PathPatch) -> None:
+    """Draw an outline of many points, without the limits of its data that `add_patch` finds point by point in Python."""
+    ax.add_artist(patch)
 
 
 def graticule(

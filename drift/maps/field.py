@@ -28,7 +28,7 @@ def draw_field(
     speeds = speed[np.isfinite(speed)]
     top = float(np.quantile(speeds, 0.995)) if len(speeds) else 1.0
     mesh = ax.pcolormesh(
-        *frame.project(*np.meshgrid(chart.edges(lon[::jump]), chart.edges(lat[::jump]))),
+        *frame.net(chart.edges(lon[::jump]), chart.edges(lat[::jump])),
         np.ma.masked_invalid(speed),
         cmap=matplotlib.colormaps["viridis_r"],
         vmin=0,

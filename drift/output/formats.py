@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import io
+import math
 import re
 from collections.abc import Iterable, Mapping
 from datetime import datetime
@@ -21,6 +22,14 @@ NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 def plain(value: Any) -> Any:
     """Return a value that JSON can hold: numbers as numbers, NaN as null, times as ISO text."""
+    if isinstance(value, float):  # outlines hold tens of thousands: what there is most of is asked for first
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, (np.bool_, np.integer, np.floating)):
+        return plain(value.item())
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, np.ndarray):
@@ -29,12 +38,6 @@ def plain(value: Any) -> Any:
         return None if np.isnat(value) else notation.iso(value)
     if isinstance(value, datetime):
         return value.isoformat()
-    if isinstance(value, (np.bool_, np.integer, np.floating)):
-        value = value.item()
-    if isinstance(value, float):
-        return value if np.isfinite(value) else None
-    if value is None or isinstance(value, (bool, int, str)):
-        return value
     if isinstance(value, Path):
         return str(value)
     if isinstance(value, Iterable):

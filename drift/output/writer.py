@@ -16,12 +16,16 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from drift.output import chapter, discovery, formats, manifest, publication
+from drift.output import chapter, discovery, drawing, formats, manifest, publication
 from drift.output.chapter import Chapter, Contents, Stamped
 from drift.output.interrupt import undisturbed
 from geo.errors import UserError
 
 SUMMARY = "summary.json"
+FILES, PICTURES = (
+    0.3,
+    0.9,
+)  # the shares of writing after which files stand, and pictures: roughly, for a bar of progress
 
 
 def check_folder(folder: Path, overwrite: bool = False, names: Iterable[str] = ()) -> None:
@@ -34,14 +38,21 @@ def check_folder(folder: Path, overwrite: bool = False, names: Iterable[str] = (
     publication.check(folder, overwrite, (*names, SUMMARY, manifest.NAME))
 
 
-def write(folder: Path, chapters: Iterable[Chapter], *, overwrite: bool = False) -> list[Path]:
+def write(
+    folder: Path,
+    chapters: Iterable[Chapter],
+    *,
+    overwrite: bool = False,
+    processes: int = 1,
+    tell: Callable[[float], None] = lambda share: None,
+) -> list[Path]:
     """Write all that the chapters of a run hand out into a folder; return the files' paths.
 
     The folder is written complete or not at all.
 
     Their numbers become the summary. To their facts, which every file carries (title, case, seed, versions, forcing),
     `run_id`, `history` and `date_created` are added. With `overwrite` what an earlier run wrote into the folder and
-    this one does not is taken away.
+    this one does not is taken away. processes: how many may draw pictures. tell: takes the share that is written.
     """
     publication.check(folder, overwrite)
     joined = chapter.joined(chapters)
@@ -56,10 +67,11 @@ def write(folder: Path, chapters: Iterable[Chapter], *, overwrite: bool = False)
     }
 
     def fill(place: Path) -> None:
-        for name, make in joined.files.items():
-            _file(place / name, make(stamped), stamped)
-        for name, draw in joined.pictures.items():
-            draw(place / name)
+        with drawing.begun(joined.pictures, place, processes) as finish:
+            for k, (name, make) in enumerate(joined.files.items(), 1):
+                _file(place / name, make(stamped), stamped)
+                tell(FILES * k / len(joined.files))
+            finish(lambda share: tell(FILES + (PICTURES - FILES) * share))
         _json({**stamped, **joined.numbers}, place / SUMMARY, indent=1)
         for name, digest in joined.digests.items():
             digest(place / name)

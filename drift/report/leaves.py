@@ -44,7 +44,6 @@ def maps(
     """
     fold = packed.fold(len(time) * (len(stories) + (containment is not None)), len(lat), len(lon))
     cells = packed.summed(area, fold)
-    density = [packed.summed(values, fold) / cells for values in stories.values()]
     return {
         "leaf": "maps",
         "title": title,
@@ -53,7 +52,7 @@ def maps(
         "lat": packed.axis(lat, fold),
         "stories": list(stories),
         "top": [float(top) for top in tops],
-        "density": [packed.logarithms(values) for values in density],
+        "density": [packed.logarithms(packed.summed(values, fold), cells) for values in stories.values()],
         "containment": None if containment is None else packed.shares(packed.least(containment, fold)),
         "shown": shown,
     }

@@ -8,6 +8,7 @@ from the one before it in its column, which is near 0 where maps are smooth.
 import base64
 import math
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from geo.array import Array
 DECADES, LEVELS = 5.0, 254
 MOST = 40_000_000  # values of all maps together; with more of them cells are put together
 LEVEL = 6  # of zlib
+AT_ONCE = 2  # maps that are packed at the same time
 
 
 def text(data: bytes) -> str:
@@ -58,31 +60,37 @@ def _folded(values: Array, fold: int, beyond: float) -> Array:
     return whole.reshape(*values.shape[:-2], rows, fold, columns, fold)
 
 
-def logarithms(values: Array) -> dict[str, Any]:
-    """Return maps (t, nlat, nlon) of numbers that are not negative.
+def logarithms(values: Array, per: Array) -> dict[str, Any]:
+    """Return maps (t, nlat, nlon) of numbers that are not negative, divided by those of a map (nlat, nlon).
 
     A byte q > 0 stands for most * 10^(decades * ((q - 1) / (levels - 1) - 1)), and 0 for nothing.
     """
-    most = float(values.max(initial=0.0))
-    frames = []
-    for values_then in values:
-        rows, columns = _held(values_then > 0)
-        part = values_then[rows, columns]
+    held = [_held(values_then > 0) for values_then in values]
+    parts = [values_then[where] / per[where] for values_then, where in zip(values, held, strict=True)]
+    most = max((float(part.max(initial=0.0)) for part in parts), default=0.0)
+
+    def frame(part: Array, where: tuple[slice, slice]) -> list[Any]:
         with np.errstate(divide="ignore"):
             level = np.log10(part.astype(np.float32) / np.float32(most or 1.0))
         level = np.rint(1 + (LEVELS - 1) * (1 + level / np.float32(DECADES)))
-        frames.append(_frame(np.where(level >= 1, level, 0).astype(np.uint8), rows, columns))
+        return _frame(np.where(level >= 1, level, 0).astype(np.uint8), *where)
+
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        frames = list(pool.map(frame, parts, held))
     return {"most": most, "decades": DECADES, "levels": LEVELS, "frames": frames}
 
 
 def shares(values: Array) -> dict[str, Any]:
     """Return maps (t, nlat, nlon) of shares: a byte q > 0 stands for 1 - (q - 1) / (levels - 1), and 0 for none."""
-    frames = []
-    for values_then in values:
+
+    def frame(values_then: Array) -> list[Any]:
         rows, columns = _held(np.isfinite(values_then) & (values_then < 1))
         part = values_then[rows, columns]
         level = np.rint(1 + (LEVELS - 1) * (1 - part))
-        frames.append(_frame(np.where(np.isfinite(part), level, 0).astype(np.uint8), rows, columns))
+        return _frame(np.where(np.isfinite(part), level, 0).astype(np.uint8), rows, columns)
+
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        frames = list(pool.map(frame, values))
     return {"levels": LEVELS, "frames": frames}
 
 

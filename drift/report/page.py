@@ -10,7 +10,7 @@ import html
 import json
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -106,15 +106,11 @@ def _box(leaves: Sequence[Leaf], on: Setting, folder: Path) -> Box:
 
 
 def _coordinates(nested: Any) -> Array:
-    return np.array(list(_leaves_of(nested)), float).reshape(-1, 2)
-
-
-def _leaves_of(nested: Any) -> Iterable[float]:
-    if isinstance(nested, int | float):
-        yield nested
-        return
-    for part in nested:
-        yield from _leaves_of(part)
+    """Return the points of a geometry's coordinates, a position or lists of them at any depth, (n, 2)."""
+    points = [nested]
+    while points and isinstance(points[0][0], (list, tuple)):
+        points = [part for parts in points for part in parts if part]
+    return np.array(points, float).reshape(-1, 2)
 
 
 def _projection(box: Box) -> dict[str, Any]:

@@ -28,6 +28,7 @@ DAY = 86_400.0  # [s]
 ACROSS = 80  # cells along the longer side of the map on which further days are computed
 DAYS = 7  # stated at most
 STEPS = 24  # parts of a day; within each, the chance of being alive is that of its middle
+ALL = 1 + 1e-9  # shares that add up to more are of more than the whole effort, however they are added up
 GONE = 0.005  # probability of being alive below which no further time or day is stated
 
 
@@ -96,19 +97,22 @@ def spread(mass: Array, swept: Array, cells: Array) -> Array:
     if kinds.size < swept.size:  # what is swept alike is found alike
         swept, mass = kinds, np.array([mass[which == kind].sum(axis=0) for kind in range(kinds.size)])
     rate = swept[:, None] / cells
-
-    def gain(share: Array) -> Array:
-        return np.asarray((mass * rate * np.exp(-rate * share)).sum(axis=0))
+    slope = mass * rate
+    first = slope.sum(axis=0)  # what the first effort in a cell is worth
 
     def shares(worth: float) -> Array:
-        low, high = np.zeros(len(cells)), np.ones(len(cells))
-        for _ in range(40):
-            middle = (low + high) / 2
-            more = gain(middle) > worth
-            low, high = np.where(more, middle, low), np.where(more, high, middle)
-        return np.where(gain(np.zeros(len(cells))) > worth, low, 0.0)
+        found = np.zeros(len(cells))
+        some = np.flatnonzero(first > worth)
+        steep, fall = slope[:, some], -rate[:, some]
+        share = np.zeros(len(some))
+        for k in range(1, 41):
+            share += 0.5**k * ((steep * np.exp(fall * (share + 0.5**k))).sum(axis=0) > worth)
+            if share.sum() > ALL:  # by how much is not asked
+                break
+        found[some] = share
+        return found
 
-    top = float(gain(np.zeros(len(cells))).max())
+    top = float(first.max())
     low, high = np.log(top) - 60.0, np.log(top)
     for _ in range(50):
         middle = (low + high) / 2

@@ -42,6 +42,14 @@ def test_quantity_is_si(text: object, unit: str, expected: float) -> None:
     assert units.quantity(text, unit, "quantity", "1 x") == pytest.approx(expected, rel=1e-12)
 
 
+def test_usual_units_are_those_of_pint(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the bit: a run does not depend on which of the two was asked."""
+    usual = dict(units.USUAL)
+    monkeypatch.setattr(units, "USUAL", {})
+    for (name, unit), factor in usual.items():
+        assert units.quantity(f"1 {name}", unit, "quantity", "1 x") == factor
+
+
 @pytest.mark.parametrize(
     ("value", "unit", "words"),
     [

@@ -76,6 +76,18 @@ def test_a_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert found["status"]["adrift"] == 1.0
     assert (found["particles"], found["seed"], found["time"]) == (500, summary["run"]["seed"], "2026-11-21T06:00:00Z")
     assert found["facts"]["mean position"] == end["mean"]["text"]
+    begin = summary["outputs"][1]  # the plan's: the map and the report open there
+    assert (begin["time"], begin["area_km2"]["50%"] < end["area_km2"]["50%"]) == ("2026-11-21T01:00:00Z", True)
+    assert summary["opens"] == found["opens"]["time"] == begin["time"]
+    assert found["opens"]["area_m2"]["50%"] == pytest.approx(1e6 * begin["area_km2"]["50%"])
+    assert f"50% {begin['area_nmi2']['50%']:,.0f} nmi2, " in found["facts"]["map.png, report.html"]
+
+
+def test_a_run_whose_map_opens_at_its_end_says_nothing_of_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "plain.toml").write_text(small_case.STEADY)
+    _, found, _ = told(capsys, "run", "plain.toml", "--out", "plain")
+    assert found["opens"] == {"time": found["time"], "area_m2": found["area_m2"]}
+    assert not [name for name in found["facts"] if "map.png" in name]
 
 
 def test_a_plan(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,6 +17,7 @@ from drift.job import opened
 from drift.maps import page
 from drift.motion import simulate
 from drift.motion.forcing_error import ForcingError
+from drift.output import drawing
 from drift.planner import follow
 from geo import sphere
 from geo.errors import UserError
@@ -224,6 +225,7 @@ def test_check_run_files_and_every_picture_say_which_errors_were_used(tmp_path, 
         saved(canvas, path, *rest, **more)
 
     monkeypatch.setattr(page, "save", watched)
+    monkeypatch.setattr(drawing, "MOST", 1)  # what a copy of the process draws is not seen here
     sortie = '[[sortie]]\nname = "s"\nstart = "+1 h"\nend = "+2 h"\nlaw = "random"\npod = 0.1\n'
     sortie += "area = { polygon = [[3.9, 58.9], [4.1, 58.9], [4.1, 59.1], [3.9, 59.1]] }\n"
     text = sources(tmp_path) + RAFT + sortie
