@@ -18,8 +18,9 @@ from drift.environment import ambient
 from drift.environment.ambient import Flow
 from drift.environment.environment import Environment
 from drift.forecast import build as forecast_build
+from drift.forecast import by_member, dataset, effective, mapped, off_grid
 from drift.forecast import chapter as forecast_chapter
-from drift.forecast import dataset, effective, mapped, off_grid
+from drift.forecast.by_member import Members
 from drift.forecast.tracks import Trajectories
 from drift.job import Job, Options, Report, in_turn, opened
 from drift.maps.imprint import Setting
@@ -29,7 +30,7 @@ from drift.motion.spool import Spool
 from drift.output import writer
 from drift.output.chapter import Chapter, joined
 from drift.particles import ensemble as record
-from drift.particles import life
+from drift.particles import life, members
 from drift.particles.ensemble import Ensemble
 from drift.posterior import chapter as posterior_chapter
 from drift.posterior import tables as posterior_tables
@@ -133,6 +134,9 @@ def made(job: Job, run: Moved) -> Result:
         )
         tracks = _trajectories(case, run.done.ensemble, snapshots)
     summary = facts.numbers(case, where, account, begin, job.clock.seconds)
+    member_told = _members(begin.spec.members, run)
+    if member_told is not None:
+        summary |= {"members": by_member.numbers(member_told)}
     off_map = off_grid.warnings(forecast.data)
     summary["warnings"] = particles_left.of_run(forecast.data, case.particles, updates) + off_map
     if after is not None:
@@ -149,7 +153,18 @@ def made(job: Job, run: Moved) -> Result:
     # What flows is kept, and not its sources: a dataset that was handed in is let go.
     flows = ambient.over(_of_likeliest(case, where), mapped.box(forecast.data), forecast.data["time"].values)
     over = (partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors), partial(_flows, flows))
-    return Result(case, forecast, tracks, summary, on, over, after, updates, run.begun, posteriors, flows)
+    return Result(case, forecast, tracks, summary, on, over, after, updates, run.begun, posteriors, flows, member_told)
+
+
+def _members(names: Sequence[str], run: Moved) -> Members | None:
+    """Return what is told of the members of an ensemble of winds and currents; None without one."""
+    member = members.of(run.done.ensemble)
+    if member is None:
+        return None
+    by_world = None
+    if run.after is not None and run.after.worlds.member is not None:
+        by_world = np.bincount(run.after.worlds.member, run.after.posterior.weight, len(names))
+    return by_member.told(names, member, run.done.snapshots[-1], by_world)
 
 
 def _of_likeliest(case: Case, where: Environment) -> Sources:
@@ -225,6 +240,8 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
             chapters.append(search_chapter.chapter(search_matter, mapped=planned is None))
         if result.posteriors is not None:
             chapters.append(posterior_chapter.chapter(posterior_chapter.Matter(result.posteriors, failed)))
+        if result.members is not None:
+            chapters.append(by_member.chapter(result.members))
         chapters += more
         if basis := suspension(result, planned):
             lost = decision.off_map(result.forecast.data)

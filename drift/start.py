@@ -42,6 +42,7 @@ from kernels.noise import Purpose
 class Start:
     """All that the first step needs."""
 
+    spec: EnsembleSpec  # what the ensemble was drawn from
     ensemble: Ensemble
     dry: tuple[float, ...]  # share of each scenario's prior that is on land
     scene: Scene
@@ -97,12 +98,13 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     shore: the coast, where it lies on the device already.
     Raises UserError when a prior lies on land or where there is no forcing, or when the step is too long.
     """
-    spec, asked = ensemble_spec(case), clock_spec(case)
+    spec, asked = replace(ensemble_spec(case), members=where.members), clock_spec(case)
     shore = device_coast.upload(where.coast) if where.coast and not shore else shore
     worlds, sinks = None, False
     if case.spill:
         assert where.coast is not None  # environment.open_for
-        worlds = drawn_worlds.draw(case.spill, case.seed, partial(shoreline.is_land, where.coast))
+        is_land = partial(shoreline.is_land, where.coast)
+        worlds = drawn_worlds.draw(case.spill, case.seed, is_land, members=len(where.members))
         ensemble = release.draw(case.spill, worlds, case.period, case.errors, shore, case.seed)
         dry: tuple[float, ...] = (0.0,) * len(case.scenarios)
         sinks = any(kind.sinking for kind in case.spill.kinds)
@@ -120,7 +122,7 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     except BaseException:
         forcing.close()
         raise
-    return Start(ensemble, dry, stage, clock, trial, worlds)
+    return Start(spec, ensemble, dry, stage, clock, trial, worlds)
 
 
 def stretches(case: Case, where: Environment, begin: Start) -> Segments | None:
@@ -148,7 +150,7 @@ def beliefs(case: Case, begin: Start) -> Beliefs | None:
     """Return what takes down the posteriors of what is not position; None where nothing steers and nothing was seen."""
     if case.spill or not (begin.scene.steering or _is_searched(case)):
         return None
-    return Beliefs(ensemble_spec(case), begin.ensemble, begin.scene.steering)
+    return Beliefs(begin.spec, begin.ensemble, begin.scene.steering)
 
 
 def search(case: Case, begin: Start, beliefs: Beliefs | None = None, noted: Noted | None = None) -> Search | None:
@@ -166,7 +168,7 @@ def search(case: Case, begin: Start, beliefs: Beliefs | None = None, noted: Note
             noted(update, before, log_weight, lineage)
 
     return Search(
-        ensemble_spec(case), case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors,
+        begin.spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors,
         note if beliefs or noted else None, (case.plan.begin,) if case.units else (),
     )  # fmt: skip
 

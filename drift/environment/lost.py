@@ -13,6 +13,7 @@ from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.forcing import Term
 from drift.motion.scene import Scene
 from drift.particles import ensemble as record
+from drift.particles import members
 from drift.particles.ensemble import Ensemble
 from drift.particles.partials import Blocks
 from drift.particles.snapshot import Snapshot
@@ -36,14 +37,15 @@ def check_prior(
     # What is released later may find a value where a source has none yet, so the run itself judges it.
     probability = np.where(ensemble.release.to_numpy() <= clock.step, record.probability(ensemble), 0.0)
     _check_domain(where.box, max_lost, ensemble, probability)
-    blocks, seas = ensemble.blocks, _seas(scene)
+    blocks, seas, member = ensemble.blocks, _seas(scene), members.of(ensemble)
     for quantity in needed():
         missing, places = 0.0, []
         for sea in seas:
             slots = np.concatenate([np.arange(*ensemble.scenarios[number]) for number in sea])
             x, y, weight = lon[slots], lat[slots], probability[slots]
+            own = None if member is None else member[slots]
             everywhere = np.ones(slots.size, bool)  # whether all terms have a value there
-            for of, term, valid in silence.terms(scene.forcing, sea[0], x, y):
+            for of, term, valid in silence.terms(scene.forcing, sea[0], x, y, own):
                 if of == quantity:
                     everywhere &= valid
                     lost = np.where(valid, 0.0, weight)

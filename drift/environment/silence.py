@@ -7,6 +7,7 @@ import numpy as np
 
 from drift.motion.clock import Clock
 from drift.motion.forcing import Forcing, Term
+from drift.particles import members as member_column
 from drift.particles.ensemble import Ensemble
 from drift.particles.snapshot import Snapshot
 from drift.particles.status import Status
@@ -21,15 +22,15 @@ AHEAD = (0.0, 1.0, 3.0)  # steps ahead along the current: a stage of the step fo
 
 
 def terms(
-    forcing: Forcing, scenario: int, lon: Array, lat: Array, fraction: float = 0.0
+    forcing: Forcing, scenario: int, lon: Array, lat: Array, member: Array | None, fraction: float = 0.0
 ) -> Iterator[tuple[str, Term, Array]]:
     """Yield the quantity and the term, and where the term has a value, for all terms of a scenario that it needs.
 
-    lon, lat: places [binary angle] (n,); fraction: of the step that the forcing is set to.
+    lon, lat: places [binary angle] (n,); member: in which member of an ensemble each is, int32 (n,), None without one; fraction: of the step that the forcing is set to.
     """
     for quantity in needed():
         for term in forcing.terms[scenario][quantity]:
-            yield quantity, term, forcing.tiles.at(term.first, term.last, lon, lat, fraction)[:, 2] > 0.5
+            yield quantity, term, forcing.tiles.at(term.first, term.last, lon, lat, fraction, member)[:, 2] > 0.5
 
 
 def lost(forcing: Forcing, clock: Clock, ensemble: Ensemble, end: Snapshot) -> Shares:
@@ -45,6 +46,7 @@ def lost(forcing: Forcing, clock: Clock, ensemble: Ensemble, end: Snapshot) -> S
     by_step = ensemble.blocks.table(number.clip(0), len(steps), np.where(outside, probability, 0.0))
     chosen = [k for k in np.argsort(-by_step, kind="stable")[:MOST] if by_step[k] > 0]
     shares: Shares = {}
+    members = member_column.of(ensemble)
     for k in chosen:
         _, low, high = steps[k]
         forcing.set(low, high)
@@ -53,9 +55,10 @@ def lost(forcing: Forcing, clock: Clock, ensemble: Ensemble, end: Snapshot) -> S
             for ahead in AHEAD:
                 if slots.size:
                     time = ahead * clock.direction * clock.step
-                    lon, lat = _along(forcing, scenario, end.lon[slots], end.lat[slots], time)
+                    member = None if members is None else members[slots]
+                    lon, lat = _along(forcing, scenario, end.lon[slots], end.lat[slots], member, time)
                     share = partial(ensemble.blocks.total, slots=slots)
-                    slots = slots[_add_silent(shares, forcing, scenario, lon, lat, probability[slots], share)]
+                    slots = slots[_add_silent(shares, forcing, scenario, lon, lat, member, probability[slots], share)]
     scale = float(by_step.sum() / by_step[chosen].sum()) if chosen else 1.0
     return {key: share * scale for key, share in shares.items()}
 
@@ -80,6 +83,7 @@ def _add_silent(
     scenario: int,
     lon: Array,
     lat: Array,
+    member: Array | None,
     probability: Array,
     total: Callable[[Array], float],
 ) -> Array:
@@ -90,7 +94,7 @@ def _add_silent(
     valid_all = np.ones(lon.size, bool)
     for fraction in (0.0, 1.0):
         before = valid_all.copy()
-        for quantity, term, valid in terms(forcing, scenario, lon, lat, fraction):
+        for quantity, term, valid in terms(forcing, scenario, lon, lat, member, fraction):
             share = total(np.where(before & ~valid, probability, 0.0))
             if share > 0:
                 shares[quantity, term.names] = shares.get((quantity, term.names), 0.0) + share
@@ -98,12 +102,15 @@ def _add_silent(
     return valid_all
 
 
-def _along(forcing: Forcing, scenario: int, lon: Array, lat: Array, time: float) -> tuple[Array, Array]:
+def _along(
+    forcing: Forcing, scenario: int, lon: Array, lat: Array, member: Array | None, time: float
+) -> tuple[Array, Array]:
     """Return the places [binary angle] to which the current leads in a time [s], straight on.
 
     Places without a current stay.
     """
-    east, north, valid = forcing.tiles.at(*forcing.ranges[scenario]["current"], lon, lat, 0.0).astype(np.float64).T
+    told = forcing.tiles.at(*forcing.ranges[scenario]["current"], lon, lat, 0.0, member)
+    east, north, valid = told.astype(np.float64).T
     metres = np.where(valid > 0.5, time, 0.0) / (sphere.RADIUS * sphere.UNIT)
     x = lon + np.nan_to_num(east) * metres / np.cos(lat * sphere.UNIT)
     y = lat + np.nan_to_num(north) * metres

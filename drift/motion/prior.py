@@ -16,7 +16,7 @@ from drift.motion.models import MODELS
 from drift.motion.period import Period
 from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 from drift.particles import ensemble as record
-from drift.particles import resample
+from drift.particles import members, resample
 from drift.particles.ensemble import Ensemble, Slots
 from drift.particles.status import Status
 from geo import sphere
@@ -47,7 +47,8 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None) -> Prior:
             f"particles: {spec.particles} cannot tell {len(spec.scenarios)} scenarios; give at least one each"
         )
     counts = counts_of(spec)
-    ensemble = record.empty(spec.seed, _bounds(spec, counts), models.columns(spec.scenarios))
+    columns = (*models.columns(spec.scenarios), *((members.COLUMN,) if spec.members else ()))
+    ensemble = record.empty(spec.seed, _bounds(spec, counts), columns)
     key = noise.key(spec.seed)
     tried: list[tuple[int, int]] = []
     for scenario, slots in zip(spec.scenarios, ensemble.slots, strict=True):
@@ -63,7 +64,10 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None) -> Prior:
     if steering:
         begun = begun + steer.draw(ensemble, steering, coast)
     dry = [_dry(spec, number, ensemble.slots[number], begun[number], coast) for number in range(len(begun))]
-    ensemble.log_weight.from_numpy(_log_weights(spec, ensemble, counts))
+    log_weight = _log_weights(spec, ensemble, counts)
+    if spec.members:
+        _deal(spec, ensemble, counts, log_weight)
+    ensemble.log_weight.from_numpy(log_weight)
     if ensemble.n > sum(counts):
         spare = np.concatenate([np.arange(b - a) >= c for (a, b), c in zip(ensemble.scenarios, counts, strict=True)])
         ensemble.status.from_numpy(np.where(spare, int(Status.LEFT), ensemble.status.to_numpy()).astype(np.int32))
@@ -111,6 +115,21 @@ def _log_weights(spec: EnsembleSpec, ensemble: Ensemble, counts: list[int]) -> A
         with np.errstate(divide="ignore"):
             log_weight[first:last] = np.log(scenario.weight) - np.log(max(last - first, 1))
     return log_weight
+
+
+def _deal(spec: EnsembleSpec, ensemble: Ensemble, counts: list[int], log_weight: Array) -> None:
+    """Give each particle its member of the ensemble of forcings, all equally likely in each scenario, in place."""
+    many, column = len(spec.members), np.zeros(ensemble.n, np.int32)
+    for scenario, (first, _), count in zip(spec.scenarios, ensemble.scenarios, counts, strict=True):
+        if count < many:
+            raise UserError(
+                f'scenario "{scenario.name}" gets {count} of the {ensemble.n} particles, which is too few for {many} '
+                "members of the ensemble of winds or currents: it needs one for each; raise particles"
+            )
+        own = slice(first, first + count)
+        column[own] = members.deal(count, many)
+        log_weight[own] += members.even(column[own], many) + np.log(count)
+    ensemble.own[members.COLUMN.name].from_numpy(column)
 
 
 class _Draw(NamedTuple):

@@ -143,7 +143,7 @@ class Helm:
             if part:
                 felt.feel(
                     columns(e), part.batch, self.plan, e.seed, self._coast, e.own,
-                    forcing.tiles.sea({"current": ranges}), error.std, error.time, step,
+                    forcing.tiles, {"current": ranges}, error.std, error.time, step,
                 )  # fmt: skip
 
     def move(self, step: kernel.Step) -> None:

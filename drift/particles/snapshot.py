@@ -51,20 +51,30 @@ class Means:
 
 def means(snapshot: Snapshot, scenarios: int) -> Means:
     """Return the mean positions of a snapshot."""
+    code = snapshot.scenario.astype(np.int64) * 2 + np.isin(snapshot.status, status.AT_REST)
+    sums = _vectors(snapshot, code, 2 * scenarios).reshape(3, scenarios, 2)
+    return Means(
+        _position(sums.sum(axis=(1, 2))),
+        _position(sums[:, :, 0].sum(axis=1)),
+        np.array([_position(sums[:, i].sum(axis=1)) for i in range(scenarios)]).reshape(scenarios, 2),
+    )
+
+
+def means_by(snapshot: Snapshot, code: Array, many: int) -> Array:
+    """Return the mean positions [deg] of all that is on the map, by code (n,), 0 to many - 1: (many, 2)."""
+    return np.array([_position(vector) for vector in _vectors(snapshot, code, many).T]).reshape(many, 2)
+
+
+def _vectors(snapshot: Snapshot, code: Array, many: int) -> Array:
+    """Return the sums of weighted unit vectors to what is on the map, by code (n,), (3, many)."""
     lon, lat, weight = (
         snapshot.lon * sphere.UNIT,
         snapshot.lat * sphere.UNIT,
         np.where(mapped(snapshot), snapshot.probability, 0.0),
     )
     flat = weight * np.cos(lat)
-    code = snapshot.scenario.astype(np.int64) * 2 + np.isin(snapshot.status, status.AT_REST)
     vector = flat * np.cos(lon), flat * np.sin(lon), weight * np.sin(lat)
-    sums = snapshot.blocks.table(code, 2 * scenarios, *vector).reshape(3, scenarios, 2)
-    return Means(
-        _position(sums.sum(axis=(1, 2))),
-        _position(sums[:, :, 0].sum(axis=1)),
-        np.array([_position(sums[:, i].sum(axis=1)) for i in range(scenarios)]).reshape(scenarios, 2),
-    )
+    return snapshot.blocks.table(code, many, *vector)
 
 
 def _position(vector: Array) -> tuple[float, float]:

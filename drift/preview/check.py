@@ -37,9 +37,10 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
     """
     runtime.start()
     where = start.open_for(case, datasets, shore.thinned)
-    few = replace(case, particles=min(case.particles, CHECKED))
+    members = len(where.members)  # each scenario needs a particle of each, and has a tenth of an equal share at least
+    few = replace(case, particles=min(case.particles, max(CHECKED, 20 * members * len(case.scenarios))))
     if case.spill:
-        few = replace(few, spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2)))
+        few = replace(few, spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2, members)))
     begin = start.prepare(few, where)
     try:
         stretches = start.stretches(few, where, begin)
