@@ -28,7 +28,7 @@ def _size(component: Component) -> int:
     return int(component.segments[0][0].sizes[component.member]) if component.member else 1
 
 
-def check_held(name: str, component: Component, number: int, called: Sequence[str]) -> None:
+def check_held(component: Component) -> None:
     """Refuse a member of which nothing is there, by a look at its first slice and its last."""
     sizes = [int(component.segments[0][0].sizes[dim]) for dim in component.dims]
     stride = max(1, int(np.ceil((np.prod(sizes) / LOOKED_AT) ** (1 / len(sizes)))))
@@ -36,11 +36,10 @@ def check_held(name: str, component: Component, number: int, called: Sequence[st
     for i in dict.fromkeys((0, len(component.segments) - 1)):
         if np.isfinite(slices.block(component, i, every)).any():
             return
-    raise UserError(
-        f"{name}: member {number + 1} of {len(called)} ({component.member} = {called[number]}) holds no value of "
-        f'"{component.name}": each member must have both components; take it out of [[{component.quantity}]] files, or '
-        f"set variables.{component.member} to the index of one that has"
-    )
+    mend = f"take it out of [[{component.quantity}]] files"
+    if component.member:
+        mend += f", or set variables.{component.member} to the index of one that has values"
+    raise UserError(f'holds no value of "{component.name}": each member must have both components; {mend}')
 
 
 def check_grid(pair: tuple[Component, Component], first: tuple[Component, Component], quantity: str) -> None:

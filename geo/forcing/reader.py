@@ -1,7 +1,8 @@
 """From files to a grid, times and a function that reads one slice: the work of `open_source`."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -96,7 +97,10 @@ def open_all(request: Request, paths: dataset.Paths | memory.Held) -> Opened:
     files = _files(request, paths)
     if not request.members:
         return _open(request, paths, files)
-    if isinstance(request.members, str) or any(members.lie_in(data) for _, data in files):
+    dim = request.members if isinstance(request.members, str) else None
+    if dim is not None and not any(dim in data.dims for _, data in files):
+        raise UserError(_no_members(request, files))
+    if dim is not None or any(members.lie_in(data) for _, data in files):
         return _along(_open(request, paths, files))
     return _entries(request, paths, files)
 
@@ -121,8 +125,9 @@ def _along(opened: Opened) -> Opened:
         for k in range(len(called))
     ]
     for number, own in enumerate(every):
-        for component_ in own:
-            ensemble.check_held(request.name, component_, number, called)
+        with _of_member(number, called, f"{dim} = ", request.name):
+            for component_ in own:
+                ensemble.check_held(component_)
     others = tuple(
         replace(opened, components=own, label=label) for own, label in zip(every[1:], called[1:], strict=True)
     )
@@ -138,17 +143,13 @@ def _entries(request: Request, paths: dataset.Paths | memory.Held, files: list[t
     every: list[Opened] = []
     held = dict(files)
     for number, entry in enumerate(request.entries):
-        try:
-            with dataset.readable(entry, request.quantity):
-                opened = _open(
-                    replace(request, members=False),
-                    entry,
-                    [(path, held[path]) for path in dataset.expand(entry, request.quantity)],
-                )
+        with _of_member(number, called), dataset.readable(entry, request.quantity):
+            own = [(path, held[path]) for path in dataset.expand(entry, request.quantity)]
+            opened = _open(replace(request, name=dataset.title(entry), members=False), entry, own)
+            for component_ in opened.components:
+                ensemble.check_held(component_)
             if every:
                 ensemble.check_grid(opened.components, every[0].components, request.quantity)
-        except UserError as error:
-            raise UserError(f"member {number + 1} of {len(called)} ({called[number]}): {error}") from error
         every.append(opened)
     times, chosen = ensemble.common([opened.times for opened in every], request.name, request.quantity)
     every = [_only(opened, times, own, label) for opened, own, label in zip(every, chosen, called, strict=True)]
@@ -157,6 +158,16 @@ def _entries(request: Request, paths: dataset.Paths | memory.Held, files: list[t
         notes.append(f"{first.count} times that all members have")
     notes.append(f"{len(called)} members of an ensemble, by file: {members.some(called)}")
     return replace(first, request=request, paths=paths, files=files, others=tuple(every[1:]), notes=tuple(notes))
+
+
+@contextmanager
+def _of_member(number: int, called: Sequence[str], by: str = "", name: str = "") -> Iterator[None]:
+    """Say in a refusal which member it is about."""
+    try:
+        yield
+    except UserError as error:
+        place = f"member {number + 1} of {len(called)} ({by}{called[number]})"
+        raise UserError(f"{name}: {place} {error}" if name else f"{place}: {error}") from error
 
 
 def _only(opened: Opened, times: clock.Times, chosen: Array, label: str) -> Opened:
