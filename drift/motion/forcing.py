@@ -108,6 +108,10 @@ class Forcing:
         self._held: list[tuple[Key, Key] | None] = [None] * len(self._slices)
         self.movers: dict[tuple[int, int, int], tuple[Any, Any]] = {}  # see scene.Scene
 
+    def members(self, scenario: int, quantity: str) -> int:
+        """Return how many members of an ensemble tell a scenario a quantity; 1 where it is none."""
+        return max((len(self._slices[tile]) for tile in range(*self.ranges[scenario][quantity])), default=1)
+
     def set(self, low: int, high: int) -> None:
         """Make the tiles say what the forcing is over the step [low, high] [s since 1970]."""
         weights: list[tuple[float, float] | None] = []

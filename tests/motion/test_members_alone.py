@@ -64,6 +64,17 @@ belief = 0.5
 """
 
 
+SORTIE = """
+[[sortie]]
+name = "square"
+start = "+3 h"
+end = "+8 h"
+pattern = { kind = "square", datum = [5.0, 60.05], spacing = "1.5 nmi" }
+speed = "10 kn"
+sweep_width = "3 nmi"
+"""
+
+
 def moved(folder: Path, current: str, wind: str, more: str = "") -> tuple[Ensemble, Search | None]:
     """Return the ensemble at the end, and the filter."""
     ring = [[5.6, 59.0], [6.4, 59.0], [6.4, 61.0], [5.6, 61.0], [5.6, 59.0]]
@@ -120,6 +131,25 @@ def test_debris_drifts_in_the_member_of_its_object(tmp_path: Path) -> None:
         for name, values in states(beside.ensemble).items():
             own = alone.ensemble.columns[name].to_numpy()
             np.testing.assert_array_equal(values[member == k], own[member == k], err_msg=name)
+
+
+def test_a_pattern_drifts_with_the_water_of_each_member(tmp_path: Path) -> None:
+    """A square about a datum that drifts: each particle is missed as in its member alone, adrift or under way.
+
+    Weights differ by the same prior for all of a scenario: single precision of their logarithms, about 10, twice.
+    """
+    together, _ = moved(tmp_path, typed(FLOW), typed(AIR), SORTIE)
+    member, weight = members.of(together), together.log_weight.to_numpy()
+    assert member is not None
+    seen = np.zeros(3)
+    for k, (flow, air) in enumerate(zip(FLOW, AIR, strict=True)):
+        alone, _ = moved(tmp_path, f"constant = {flow}", f"constant = {air}", SORTIE)
+        for first, last in alone.scenarios:
+            own = np.flatnonzero(member[first:last] == k) + first
+            lost = alone.log_weight.to_numpy()[own] - alone.log_weight.to_numpy()[own].max()
+            assert weight[own] - weight[own].max() == pytest.approx(lost, abs=4e-6)
+            seen[k] = max(seen[k], -lost.min())
+    assert (seen > 0.2).all()  # it was there in each
 
 
 def test_drifters_are_compared_with_one_member(tmp_path: Path) -> None:
