@@ -11,7 +11,7 @@ from drift import start
 from drift.backtrack import backward
 from drift.environment.forcing_spec import ForcingSpec
 from drift.particles import members, partials
-from drift.spill import worlds
+from drift.spill import shrinkage, worlds
 from drift.spill.worlds import Proposal
 from geo import sphere
 from geo.array import Array
@@ -109,6 +109,17 @@ def test_the_finds_tell_the_member(tmp_path: Path) -> None:
     assert table["lon"][0] == pytest.approx(5.0, abs=0.01)
     silent = drift.run(load(tmp_path, find=""))
     assert silent.tables["members"]["posterior"].to_numpy() == pytest.approx(0.2)
+
+
+def test_worlds_borrow_strength_of_their_own_member_alone() -> None:
+    """Three worlds of one member among many of another: nothing near them is counted but each other."""
+    latent = np.random.default_rng(2).standard_normal((203, 2))
+    member = np.array([0] * 100 + [1] * 3 + [2] * 100, np.int32)
+    alike = shrinkage.likeness(latent, member)
+    count = np.where(member == 1, 1.0, 1000.0)
+    assert alike.near.shape[1] > 3
+    assert alike.nearby(count)[member == 1].tolist() == [2.0] * 3
+    assert (alike.nearby(count)[member != 1] == 1000.0 * alike.near.shape[1]).all()
 
 
 def test_worlds_drawn_anew_keep_to_the_law_of_members(tmp_path: Path) -> None:
