@@ -144,7 +144,10 @@ def _entries(request: Request, paths: dataset.Paths | memory.Held, files: list[t
     held = dict(files)
     for number, entry in enumerate(request.entries):
         with _of_member(number, called), dataset.readable(entry, request.quantity):
-            own = [(path, held[path]) for path in dataset.expand(entry, request.quantity)]
+            own = [
+                (path, held[path] if path in held else dataset.open_one(path, request.quantity, request.timeout))
+                for path in dataset.expand(entry, request.quantity)
+            ]
             opened = _open(replace(request, name=dataset.title(entry), members=False), entry, own)
             for component_ in opened.components:
                 ensemble.check_held(component_)

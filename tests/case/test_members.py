@@ -9,6 +9,7 @@ import xarray as xr
 import drift
 from drift import facts, start
 from drift.case import uncertainty
+from drift.cli import commands
 from drift.environment import domain
 from drift.motion.forcing_error import DEFAULT, MEMBERS, NOWHERE
 from drift.preview import check
@@ -151,3 +152,18 @@ def test_many_forecasts_have_members_too(tmp_path: Path) -> None:
         assert one.error is None
         assert one.forecast is not None
         np.testing.assert_array_equal(one.forecast.probability.values[-1], drift.run(alone).probability.values[-1])
+
+
+def test_info_takes_the_same_keys(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of files named from where one stands, a member each."""
+    file(tmp_path)
+    with xr.open_dataset(tmp_path / "ens.nc", decode_cf=False) as data:
+        for k in range(3):
+            data.isel(number=k, drop=True).to_netcdf(tmp_path / f"m_{k}.nc")
+    monkeypatch.chdir(tmp_path)
+    assert commands.main(["info", "m_0.nc", "m_1.nc", "m_2.nc", "--set", "members=true"]) == 0
+    assert "3 members of an ensemble, by file: m_0, m_1, m_2" in capsys.readouterr().out
+    assert commands.main(["info", "ens.nc"]) == 0
+    assert "3 members of an ensemble along number: 0, 1, 2; members = true to drift in all" in capsys.readouterr().out
