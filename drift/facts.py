@@ -162,7 +162,13 @@ def errors(case: Case) -> str:
     if not (adrift or any(s.itinerary is not None and s.itinerary.currents == "felt" for s in case.scenarios)):
         return ""
     wind = case.wind_error if adrift and case.forcing["wind"] else None
-    return forcing_error.words(case.current_error, wind, case.diffusivity, case.diffusivity_by)
+    told = forcing_error.words(case.current_error, wind, case.diffusivity, case.diffusivity_by)
+    both = [
+        quantity
+        for quantity, error in (("current", case.current_error), ("wind", wind))
+        if error and error.std + error.bias > 0 and any(spec.members for spec in case.forcing[quantity])
+    ]
+    return f"{told}; added to the spread of the members of the {' and of the '.join(both)}" if both else told
 
 
 def behaviour(case: Case) -> str:

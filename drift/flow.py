@@ -18,8 +18,9 @@ from drift.environment import ambient
 from drift.environment.ambient import Flow
 from drift.environment.environment import Environment
 from drift.forecast import build as forecast_build
+from drift.forecast import by_member, dataset, effective, mapped, off_grid, survey
 from drift.forecast import chapter as forecast_chapter
-from drift.forecast import dataset, effective, mapped, off_grid, survey
+from drift.forecast.by_member import Members
 from drift.forecast.tracks import Trajectories
 from drift.job import Job, Options, Report, in_turn, opened
 from drift.maps.imprint import Setting
@@ -178,6 +179,9 @@ def made(job: Job, run: Ended) -> Result:
         )
         tracks = _trajectories(case, snapshots)
     summary = facts.numbers(case, where, end, stage, job.clock.seconds)
+    member_told = _members(stage.spec.members, run)
+    if member_told is not None:
+        summary |= {"members": by_member.numbers(member_told)}
     off_map = off_grid.warnings(forecast.data)
     summary["warnings"] = particles_left.of_run(forecast.data, case.particles, updates) + off_map
     if after is not None:
@@ -194,7 +198,17 @@ def made(job: Job, run: Ended) -> Result:
     # What flows is kept, and not its sources: a dataset that was handed in is let go.
     flows = ambient.over(_of_likeliest(case, where), mapped.box(forecast.data), forecast.data["time"].values)
     over = (partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors), partial(_flows, flows))
-    return Result(case, forecast, tracks, summary, on, over, after, updates, run.begun, posteriors, flows)
+    return Result(case, forecast, tracks, summary, on, over, after, updates, run.begun, posteriors, flows, member_told)
+
+
+def _members(names: Sequence[str], run: Ended) -> Members | None:
+    """Return what is told of the members of an ensemble of winds and currents; None without one."""
+    if not names:
+        return None
+    by_world = None
+    if run.after is not None and run.after.worlds.member is not None:
+        by_world = np.bincount(run.after.worlds.member, run.after.posterior.weight, len(names))
+    return by_member.told(names, run.snapshots.outputs[-1], by_world)
 
 
 def _of_likeliest(case: Case, where: Environment) -> Sources:
@@ -271,6 +285,8 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
             chapters.append(search_chapter.chapter(search_matter, mapped=planned is None))
         if result.posteriors is not None:
             chapters.append(posterior_chapter.chapter(posterior_chapter.Matter(result.posteriors, failed)))
+        if result.members is not None:
+            chapters.append(by_member.chapter(result.members))
         chapters += more
         if basis := suspension(result, planned):
             lost = decision.off_map(result.forecast.data)

@@ -15,10 +15,11 @@ import xarray as xr
 
 from drift.case.record import Case
 from drift.environment.ambient import Flow
-from drift.forecast import effective, mapped
+from drift.forecast import by_member, effective, mapped
 from drift.forecast import tables as forecast_tables
 from drift.forecast import tracks as forecast_tracks
 from drift.forecast.build import Forecast
+from drift.forecast.by_member import Members
 from drift.forecast.tracks import Trajectories
 from drift.maps.imprint import Setting
 from drift.output import formats
@@ -53,6 +54,7 @@ class Result:
     begun: Standing | None = None  # how a search stood before any of them; None: no sorties, no survival times
     posteriors: Posteriors | None = None  # of what is not position; None: nothing steers and nothing was seen
     flows: Mapping[str, Flow] = field(default_factory=dict)  # winds and currents of the likeliest story, for arrows
+    members: Members | None = None  # of an ensemble of winds and currents; None: there is none
 
     def __repr__(self) -> str:
         """Return what it is, in a few lines."""
@@ -88,6 +90,8 @@ class Result:
                 texts["lines"] = crossings.csv(self.updates.crossings, run)
         if self.posteriors is not None:
             texts["posteriors"] = posterior_tables.csv(self.posteriors, run)
+        if self.members is not None:
+            texts["members"] = by_member.csv(self.members, run)
         if self.washup is not None:
             texts["washup"] = washup_tables.stretches(self.washup, run)
             texts["totals"] = washup_tables.totals(self.washup, run)

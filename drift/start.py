@@ -46,6 +46,7 @@ from kernels.noise import Purpose
 class Stage:
     """What a run goes through, whoever its particles are."""
 
+    spec: EnsembleSpec  # what the particles are drawn from
     dry: tuple[float, ...]  # share of each scenario's prior that is on land
     scene: Scene
     clock: Clock
@@ -73,6 +74,11 @@ def ensemble_spec(case: Case) -> EnsembleSpec:
         release=Release(case.spill.release_std, case.spill.windage_bias) if case.spill else None,
         counts=case.counts,
     )
+
+
+def spec_of(case: Case, where: Environment) -> EnsembleSpec:
+    """Return what the ensemble of a case is drawn from, once its environment is known."""
+    return replace(ensemble_spec(case), members=where.members)
 
 
 def environment_spec(case: Case) -> EnvironmentSpec:
@@ -107,12 +113,13 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     shore: the coast, where it lies on the device already.
     Raises UserError when a prior lies on land or where there is no forcing, or when the step is too long.
     """
-    spec = ensemble_spec(case)
+    spec = spec_of(case, where)
     shore = device_coast.upload(where.coast) if where.coast and not shore else shore
     worlds, sinks = None, False
     if case.spill:
         assert where.coast is not None  # environment.open_for
-        worlds = drawn_worlds.draw(case.spill, case.seed, partial(shoreline.is_land, where.coast))
+        is_land = partial(shoreline.is_land, where.coast)
+        worlds = drawn_worlds.draw(case.spill, case.seed, is_land, members=len(where.members))
         ensemble = release.draw(case.spill, worlds, case.period, case.errors, shore, case.seed)
         dry: tuple[float, ...] = (0.0,) * len(case.scenarios)
         sinks = any(kind.sinking for kind in case.spill.kinds)
@@ -142,7 +149,7 @@ def staged(
     except BaseException:
         scene.forcing.close()
         raise
-    return Stage(dry=dry, scene=scene, clock=clock, trial=trial)
+    return Stage(spec=spec_of(case, where), dry=dry, scene=scene, clock=clock, trial=trial)
 
 
 def scene_of(case: Case, where: Environment, shore: device_coast.DeviceCoast | None, *, sinks: bool = False) -> Scene:
@@ -189,7 +196,7 @@ def beliefs(case: Case, begin: Start) -> Beliefs | None:
     """Return what takes down the posteriors of what is not position; None where nothing steers and nothing was seen."""
     if case.spill or not (begin.scene.steering or _is_searched(case)):
         return None
-    return Beliefs(ensemble_spec(case), begin.ensemble, begin.scene.steering)
+    return Beliefs(begin.spec, begin.ensemble, begin.scene.steering)
 
 
 def search(case: Case, begin: Start, beliefs: Beliefs | None = None, noted: Noted | None = None) -> Search | None:
@@ -207,7 +214,7 @@ def search(case: Case, begin: Start, beliefs: Beliefs | None = None, noted: Note
             noted(update, before, log_weight, lineage)
 
     return Search(
-        ensemble_spec(case), case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors,
+        begin.spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors,
         note if beliefs or noted else None, (case.plan.begin,) if case.units else (),
     )  # fmt: skip
 

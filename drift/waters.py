@@ -27,7 +27,7 @@ from geo.coast import shore
 from geo.coast.shore import Shore
 from geo.errors import UserError
 from geo.forcing import memory, reader, sources
-from geo.forcing.kept import Finished, Shelf
+from geo.forcing.kept import Finished
 from geo.forcing.sources import Source
 from kernels import coast as device_coast
 
@@ -86,7 +86,7 @@ class Waters:
         self._cuts[key] = part
         if len(self._cuts) > CUTS:
             del self._cuts[next(iter(self._cuts))]
-        return replace(part, name=spec.name, shelf=Shelf(key, self._finished))
+        return replace(part, name=spec.name).shelved(key, self._finished)
 
     def coast(
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box

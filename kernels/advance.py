@@ -28,6 +28,7 @@ from kernels.features import (
     ERRORS,
     FORCING,
     JIBE,
+    MEMBERS,
     REFLOAT,
     RK4,
     SINK,
@@ -36,7 +37,7 @@ from kernels.features import (
 )  # fmt: skip
 from kernels.life import ASHORE, SUNK
 from kernels.noise import Purpose
-from kernels.sample import Ranges, Sea, Tiles
+from kernels.sample import Ranges, Sea, Tiles, members_of
 from kernels.velocity import Drifter, drift
 
 # Longest step accepted [binary angle units], 42 degrees; a longer one, next to a pole, counts as invalid.
@@ -77,7 +78,7 @@ class Physics(NamedTuple):
 
 # The arguments of the kernel in groups: arrays in packs, numbers in structures.
 CoreColumns = ti.types.argpack(**CORE)
-OwnColumns = ti.types.argpack(**OWN)
+OwnColumns = ti.types.argpack(**OWN, member_of=Ints)
 PhysicsTerms = ti.types.struct(**dict.fromkeys(Physics._fields, ti.f32))
 Terms = ti.types.struct(
     direction=ti.f32,  # +1 forward in time, -1 backward
@@ -159,7 +160,10 @@ def _advance(
             dt = ti.cast(finish - left, ti.f32)
             begin, share = ti.cast(left - elapsed, ti.f32) / duration, dt / duration
             error, walk = errors.draw(features, own, physics, terms, i, slot, step, dt)
-            drifter = Drifter(line=_line(features, own, i), error=error)
+            among = 0  # which member of an ensemble of forcings it drifts in
+            if ti.static(features & MEMBERS):
+                among = own.member_of[i]
+            drifter = Drifter(line=_line(features, own, i), error=error, member=among)
             x, y = core.lon[i], core.lat[i]
             c0, s0 = sphere.cos_lat(y), sphere.sin_lat(y)
             off = f32x2(0.0)
@@ -314,7 +318,7 @@ def mover(
     coastal = Purpose.DEBRIS_COAST if place.debris else Purpose.RUN
     coast0, coast1 = noise.key(ensemble.seed, coastal, place.debris)
     args = (
-        features(ranges, physics, place),
+        features(ranges, physics, place) | MEMBERS * (tiles.members > 1),
         velocity,
         own.listed,
         own.first,
@@ -323,7 +327,7 @@ def mover(
         own.shift,
         own.table(physics),
         launch.pack(CoreColumns, *(getattr(ensemble, name) for name in CORE)),
-        launch.pack(OwnColumns, *(ensemble.own[name] for name in OWN)),
+        launch.pack(OwnColumns, *(ensemble.own[name] for name in OWN), members_of(ensemble.own, tiles)),
         tiles.sea(ranges),
         (place.coast or open_sea()).pack,
         {

@@ -76,3 +76,10 @@ def of(bounds: Sequence[int], numbers: Sequence[int], scenarios: Sequence[int]) 
         return Batch(tuple(scenarios), False, *whole, runtime.empty(1, ti.i32), shift)
     slots = np.concatenate([np.arange(a, b, dtype=np.int32) for a, b in zip(first, last, strict=True)])
     return Batch(tuple(scenarios), True, 0, slots.size, runtime.upload(slots), shift)
+
+
+def among(own: Batch, chosen: np.ndarray) -> Batch:
+    """Return those slots of a batch that are chosen, bool (n,) over all slots."""
+    slots = own.slots.to_numpy()[own.first : own.last] if own.listed else np.arange(own.first, own.last, dtype=np.int32)
+    slots = slots[chosen[slots]]
+    return own._replace(listed=True, first=0, last=slots.size, slots=runtime.upload(slots))

@@ -14,7 +14,7 @@ import taichi as ti
 from kernels import batch, errors, launch, life, noise, runtime, sphere, steer
 from kernels.batch import Batch
 from kernels.coast import Ints, Reals
-from kernels.sample import Sea, sample
+from kernels.sample import Ranges, Sea, Tiles, members_of, sample
 from kernels.velocity import CURRENT_FROM, CURRENT_TO
 
 f32x2 = ti.types.vector(2, ti.f32)
@@ -25,6 +25,7 @@ Errors = ti.types.argpack(**dict.fromkeys(ERRORS, Reals))
 
 @ti.kernel
 def _feel(
+    members: ti.template(),
     listed: ti.template(),
     first: ti.i32,
     last: ti.i32,
@@ -32,6 +33,7 @@ def _feel(
     shift: Ints,
     columns: steer.Columns,
     own: Errors,
+    member: Ints,
     sea: Sea,
     lon: Ints,
     lat: Ints,
@@ -60,7 +62,10 @@ def _feel(
                 own.current_error_east[i], own.current_error_north[i] = new[0], new[1]
                 error, since = 0.5 * (old + new), since + 0.5 * dt
             fraction = since / ti.cast(duration, ti.f32)
-            r = sample(sea, sea.ranges[CURRENT_FROM], sea.ranges[CURRENT_TO], lon[i], lat[i], fraction)
+            among = 0
+            if ti.static(members):
+                among = member[i]
+            r = sample(members, sea, sea.ranges[CURRENT_FROM], sea.ranges[CURRENT_TO], lon[i], lat[i], fraction, among)
             u, v = r[0] + error[0] + own.current_bias_east[i], r[1] + error[1] + own.current_bias_north[i]
             per_metre = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
             secant = 1.0 / sphere.cos_lat(lat[i])
@@ -75,11 +80,24 @@ def _feel(
                 columns.status[i], columns.status_since[i] = life.OUTSIDE, begin
 
 
-def feel(columns, own: Batch, plan, seed: int, coast, error, sea, std: float, memory: float, step: Any) -> None:
+def feel(
+    columns,
+    own: Batch,
+    plan,
+    seed: int,
+    coast,
+    error,
+    tiles: Tiles,
+    ranges: Ranges,
+    std: float,
+    memory: float,
+    step: Any,
+) -> None:
     """Write how fast the current sets targets off during the step about to be made, and make a step of its error.
 
     columns: by name, those of kernels.steer.COLUMNS; own, plan, seed, coast: see kernels.steer. error: by name, the
-    columns of ERRORS [m/s], float32 (n,). sea: the current over the step (kernels.sample.Sea). std [m/s], memory [s]: of
+    columns of ERRORS [m/s], float32 (n,), and of members where the tiles have any. tiles, ranges: of the current over the
+    step. std [m/s], memory [s]: of
     the current's error, a component. A target where the current is not known is lost: it has no forcing.
     """
     for middle in (0, 1):
@@ -90,6 +108,7 @@ def feel(columns, own: Batch, plan, seed: int, coast, error, sea, std: float, me
         )
         steer.inside(columns, own, plan, seed, None, coast, step, (lon, lat), step.elapsed, 0, 0, velocity, middle)
         _feel(
-            *own.launched, steer.packed(columns), launch.pack(Errors, *(error[name] for name in ERRORS)), sea,
+            tiles.members > 1, *own.launched, steer.packed(columns),
+            launch.pack(Errors, *(error[name] for name in ERRORS)), members_of(error, tiles), tiles.sea(ranges),
             lon, lat, *velocity, std, memory, *noise.key(seed), step.elapsed, step.duration, step.number, middle,
         )  # fmt: skip

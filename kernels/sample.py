@@ -7,13 +7,17 @@ the later of two times, so that one look-up fetches both. A missing value is NaN
 groups: of a group the first tile that knows the point answers, and the answers of all groups are added up; where a
 whole group is silent the answer is not valid, never zero.
 
-Per tile, `where` (int32) holds WHERE numbers: its first node, lon0, lat0 [binary angle], nlon, and the tile after the
-last one of its group; `scale` (float32) SCALE numbers: nodes per unit east and north, the last node's coordinates
+Where a source is an ensemble, its tile holds the nodes of one member after those of the other, and a particle is told by
+the nodes of its own member; a tile without members tells all alike.
+
+Per tile, `where` (int32) holds WHERE numbers: its first node, lon0, lat0 [binary angle], nlon, the tile after the last
+one of its group, and the nodes from one member to the next (0: it has none); `scale` (float32) SCALE numbers: nodes per unit east and north, the last node's coordinates
 (nlon - 1, nlat - 1; negative: nothing for this step), and the weight of the later slice at the begin of the step and
 its change over the step.
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -24,7 +28,7 @@ from geo.forcing.quantity import QUANTITIES
 from geo.grids.grid import Grid
 from kernels import launch, runtime
 
-WHERE, SCALE = 5, 6
+WHERE, SCALE = 6, 6
 
 f32x3 = ti.types.vector(3, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
@@ -52,11 +56,20 @@ def ordered(ranges: Ranges) -> tuple[int, ...]:
 
 
 @ti.func
-def sample(sea: ti.template(), first: ti.i32, last: ti.i32, lon: ti.i32, lat: ti.i32, fraction: ti.f32) -> f32x3:
+def sample(
+    members: ti.template(),
+    sea: ti.template(),
+    first: ti.i32,
+    last: ti.i32,
+    lon: ti.i32,
+    lat: ti.i32,
+    fraction: ti.f32,
+    member: ti.i32,
+) -> f32x3:
     """Return (east, north, valid), added up over the groups of tiles in [first, last).
 
     Of each group the first tile that knows the point answers. sea: a `Sea`; fraction: of the step. first must begin a
-    group, last end one.
+    group, last end one. members: whether any tile has members, known when this is compiled; member: the point's own.
     """
     nodes, where, scale = ti.static(sea.nodes, sea.where, sea.scale)
     east, north, valid = 0.0, 0.0, 0.0
@@ -73,6 +86,8 @@ def sample(sea: ti.template(), first: ti.i32, last: ti.i32, lon: ti.i32, lat: ti
             iy = ti.cast(ti.min(y, scale[s + 3] - 0.5), ti.i32)
             fx, fy = x - ix, y - iy
             a = where[w] + iy * where[w + 3] + ix
+            if ti.static(members):
+                a += member * where[w + 5]
             b = a + where[w + 3]
             lower = nodes[a] + fx * (nodes[a + 1] - nodes[a])
             upper = nodes[b] + fx * (nodes[b + 1] - nodes[b])
@@ -93,6 +108,11 @@ def sample(sea: ti.template(), first: ti.i32, last: ti.i32, lon: ti.i32, lat: ti
     return f32x3(east, north, valid)
 
 
+def members_of(columns: Mapping[str, Any], tiles: "Tiles") -> Any:
+    """Return the column of members, int32 (n,), where tiles have any; else one that is never read, (1,)."""
+    return columns["member"] if tiles.members > 1 else runtime.empty(1, ti.i32)
+
+
 @ti.kernel
 def _place(nodes: Nodes, values: ti.types.ndarray(dtype=ti.f32, ndim=1), first: ti.i32, later: ti.i32, shift: ti.i32):
     for i in range(values.shape[0] // 2):
@@ -108,16 +128,18 @@ def _place(nodes: Nodes, values: ti.types.ndarray(dtype=ti.f32, ndim=1), first: 
 
 @ti.kernel
 def _sample_all(
+    members: ti.template(),
     sea: Sea,
     first: ti.i32,
     last: ti.i32,
     fraction: ti.f32,
     lon: ti.types.ndarray(dtype=ti.i32, ndim=1),
     lat: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    member: ti.types.ndarray(dtype=ti.i32, ndim=1),
     out: ti.types.ndarray(dtype=ti.f32, ndim=1),
 ):
     for i in range(lon.shape[0]):
-        r = sample(sea, first, last, lon[i], lat[i], fraction)
+        r = sample(members, sea, first, last, lon[i], lat[i], fraction, member[i])
         for k in ti.static(range(3)):
             out[3 * i + k] = r[k]
 
@@ -125,33 +147,42 @@ def _sample_all(
 class Tiles:
     """The tiles of a run on the device; `place` puts a time slice in, `blend` says where in time a step lies.
 
-    ends: for each tile the one after the last of its group; by default all are one group.
+    ends: for each tile the one after the last of its group; by default all are one group. members: of each tile, by
+    default one.
     """
 
-    def __init__(self, grids: list[Grid], ends: list[int] | None = None) -> None:
-        sizes = [g.nlon * g.nlat for g in grids]
+    def __init__(self, grids: list[Grid], ends: list[int] | None = None, members: list[int] | None = None) -> None:
+        many = members or [1] * len(grids)
+        self._own = [g.nlon * g.nlat for g in grids]  # nodes of one member
+        sizes = [nodes * number for nodes, number in zip(self._own, many, strict=True)]
         if 4 * sum(sizes) >= 2**31:
-            raise UserError(f"forcing: {sum(sizes)} grid nodes in the domain; at most 2**29 fit: make [domain] smaller")
+            each = " of all members" if max(many) > 1 else ""
+            raise UserError(
+                f"forcing: {sum(sizes)} grid nodes{each} in the domain; at most 2**29 fit: make [domain] smaller"
+            )
         self.grids = grids
+        self.members = max(many, default=1)
         self.offsets = [int(x) for x in np.cumsum([0, *sizes])[:-1]]
         self.nodes = runtime.empty_nodes(sum(sizes))
         self._where = np.zeros((max(len(grids), 1), WHERE), np.int32)
         self._scale = np.zeros((max(len(grids), 1), SCALE), np.float32)
         ends = [len(grids)] * len(grids) if ends is None else ends
         for row, (grid, begin, end) in enumerate(zip(grids, self.offsets, ends, strict=True)):
-            self._where[row] = begin, sphere.to_binary(grid.lon0), sphere.to_binary(grid.lat0), grid.nlon, end
+            stride = self._own[row] if many[row] > 1 else 0
+            self._where[row] = begin, sphere.to_binary(grid.lon0), sphere.to_binary(grid.lat0), grid.nlon, end, stride
             self._scale[row] = 360 / sphere.TURN / grid.dlon, 360 / sphere.TURN / grid.dlat, -1, -1, 0, 0
         self.where, self.scale = runtime.upload(self._where), runtime.upload(self._scale)
         self._seas: dict[tuple[int, ...], ti.ArgPack] = {}
 
-    def place(self, tile: int, values: np.ndarray, *, later: bool, shift: bool = False) -> None:
-        """Put a slice (nlat, nlon, 2) [m/s] in as the later or earlier one; shift: the later becomes the earlier."""
+    def place(self, tile: int, values: np.ndarray, *, later: bool, shift: bool = False, member: int = 0) -> None:
+        """Put a member's slice (nlat, nlon, 2) [m/s] in as the later or earlier one; shift: the later becomes the earlier."""
+        first = self.offsets[tile] + member * self._own[tile]
         flat = np.ascontiguousarray(values, np.float32).reshape(-1)
         own = runtime.pairs(self.nodes)
         if own is None:
-            _place(self.nodes, flat, self.offsets[tile], int(later), int(shift))
+            _place(self.nodes, flat, first, int(later), int(shift))
             return
-        own = own[self.offsets[tile] : self.offsets[tile] + flat.size // 2]
+        own = own[first : first + flat.size // 2]
         if shift:
             own[:, 0] = own[:, 1]
         own[:, int(later)] = flat.view(np.int64)
@@ -165,10 +196,16 @@ class Tiles:
             self._scale[row, 4:] = begin, end - begin
         self.scale.from_numpy(self._scale.reshape(-1))
 
-    def at(self, first: int, last: int, lon: np.ndarray, lat: np.ndarray, fraction: float) -> np.ndarray:
-        """Return (east, north, valid) [m/s, m/s, 0 or 1], shape (n, 3), at binary angles: for tests and checks."""
+    def at(
+        self, first: int, last: int, lon: np.ndarray, lat: np.ndarray, fraction: float, member: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return (east, north, valid) [m/s, m/s, 0 or 1], shape (n, 3), at binary angles: for tests and checks.
+
+        member: int32 (n,) of each place; by default the first.
+        """
         out = np.zeros(3 * lon.size, np.float32)
-        _sample_all(self.sea({}), first, last, fraction, lon, lat, out)
+        own = np.zeros(lon.size, np.int32) if member is None else member
+        _sample_all(self.members > 1, self.sea({}), first, last, fraction, lon, lat, own, out)
         return out.reshape(-1, 3)
 
     def sea(self, ranges: Ranges) -> ti.ArgPack:

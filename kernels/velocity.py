@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from kernels.features import CURRENT, STOKES, WIND
+from kernels.features import CURRENT, MEMBERS, STOKES, WIND
 from kernels.sample import position, sample
 
 # Where `Sea.ranges` holds the first and the last tile of each.
@@ -19,6 +19,7 @@ class Drifter:
 
     line: f32x4  # leeway: slope and offset [m/s] downwind and to the right of downwind
     error: f32x4  # of current and wind, east and north [m/s]
+    member: ti.i32  # of an ensemble of forcings; 0 where there is none
 
 
 @ti.func
@@ -43,15 +44,16 @@ def drift(
     sea: kernels.sample.Sea; own: a `Drifter`; lon, lat [binary angle]; fraction: of the step. valid: 0 where forcing is
     missing.
     """
+    members = ti.static(bool(features & MEMBERS))
     u, v, valid = own.error[0], own.error[1], 1.0
     if ti.static(features & CURRENT):
-        c = sample(sea, sea.ranges[CURRENT_FROM], sea.ranges[CURRENT_TO], lon, lat, fraction)
+        c = sample(members, sea, sea.ranges[CURRENT_FROM], sea.ranges[CURRENT_TO], lon, lat, fraction, own.member)
         u, v, valid = u + c[0], v + c[1], c[2]
     if ti.static(features & STOKES):
-        s = sample(sea, sea.ranges[STOKES_FROM], sea.ranges[STOKES_TO], lon, lat, fraction)
+        s = sample(members, sea, sea.ranges[STOKES_FROM], sea.ranges[STOKES_TO], lon, lat, fraction, own.member)
         u, v, valid = u + s[0], v + s[1], valid * s[2]
     if ti.static(features & WIND):
-        w = sample(sea, sea.ranges[WIND_FROM], sea.ranges[WIND_TO], lon, lat, fraction)
+        w = sample(members, sea, sea.ranges[WIND_FROM], sea.ranges[WIND_TO], lon, lat, fraction, own.member)
         way = leeway(own.line, w[0] + own.error[2], w[1] + own.error[3])
         u, v, valid = u + way[0], v + way[1], valid * w[2]
     return f32x3(u, v, valid)

@@ -22,6 +22,7 @@ from drift.case.sensor import ConditionsTable, SensorTable
 from drift.case.sortie import MarkerTable, SortieTable, WatchTable
 from drift.contrast import chapter as contrast_chapter
 from drift.drifters import chapter as drifters_chapter
+from drift.forecast import by_member
 from drift.forecast import chapter as forecast_chapter
 from drift.output import manifest, writer
 from drift.patrols import chapter as patrols_chapter
@@ -72,7 +73,7 @@ WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapt
         *EVERY, *forecast_chapter.FILES, *forecast_chapter.PICTURES, *forecast_chapter.STORIES, *suspend_chapter.FILES, *suspend_chapter.PICTURES,
         *search_chapter.FILES, *search_chapter.PICTURES, *search_chapter.MAPS,
         *search_chapter.LINE_FILES, *search_chapter.LINE_PICTURES,
-        *posterior_chapter.FILES, *posterior_chapter.PICTURES,
+        *posterior_chapter.FILES, *posterior_chapter.PICTURES, *by_member.FILES,
     },
     "docs/searches.md": {*planner_chapter.FILES, *planner_chapter.PICTURES},
     "docs/spill.md": {

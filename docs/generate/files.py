@@ -14,6 +14,7 @@ from drift import flow
 from drift.backtrack import chapter as backtrack
 from drift.contrast import chapter as contrast
 from drift.drifters import chapter as drifters
+from drift.forecast import by_member
 from drift.forecast import chapter as forecast
 from drift.output import manifest, writer
 from drift.patrols import chapter as patrols
@@ -32,6 +33,7 @@ TOLD = Path(__file__).with_name("files.toml")
 CHAPTERS: dict[str, tuple[str, Iterable[str]]] = {  # when they are written, and which
     "Every result": ("", (flow.REPORT, writer.SUMMARY, manifest.NAME)),
     "Every forecast": ("`drift run`, and the forecast in a plan.", (*forecast.FILES, *forecast.PICTURES, *forecast.STORIES)),
+    "Ensembles": ("Where a wind or a current has members.", (*by_member.FILES,)),
     "Searches": (
         "Where a case has sorties, contacts, sensors, lines or survival times.",
         (*search.FILES, *search.PICTURES, *search.MAPS, *search.LINE_FILES, *search.LINE_PICTURES,
@@ -46,7 +48,7 @@ CHAPTERS: dict[str, tuple[str, Iterable[str]]] = {  # when they are written, and
 }  # fmt: skip
 WHERE = {  # the run whose file is looked at
     "forecast.nc": "overdue_boat", "particles.nc": "overdue_boat", "track.csv": "overdue_boat", "ashore.csv": "overdue_boat",
-    "sorties.csv": "overdue_boat", "posteriors.csv": "overdue_boat", "lines.csv": "small-run",
+    "sorties.csv": "overdue_boat", "posteriors.csv": "overdue_boat", "lines.csv": "small-run", "members.csv": "small-run",
     "washup.nc": "gulf_containers", "washup.csv": "gulf_containers", "washup_times.csv": "gulf_containers",
     "totals.csv": "gulf_containers", "finds.csv": "gulf_containers", "unknowns.csv": "gulf_containers",
     "origin.nc": "small-origin", "origin.csv": "small-origin",

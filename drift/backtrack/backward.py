@@ -142,7 +142,9 @@ def backward(
     prior_seed = noise.seed_for(spec.seed, Purpose.BACKWARD_PRIOR)
     grid = _prior_grid(spill, prior_seed, is_land, resolution)
     world_seed = noise.seed_for(spec.seed, Purpose.BACKWARD_WORLDS)
-    worlds = drawn_worlds.draw(spill, world_seed, is_land, count=resolution.worlds)
+    many = len(where.members)
+    count = -(-resolution.worlds // many) * many if many else resolution.worlds  # as many worlds of each member
+    worlds = drawn_worlds.draw(spill, world_seed, is_land, count=count, members=many)
     latest = max(find.time for find in spill.finds).astype("datetime64[s]")
     adrift = grid.time + round(spill.release_duration / 2)
     elapsed = notation.epoch(latest) - adrift  # [s] from the last find back to each release

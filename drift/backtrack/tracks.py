@@ -88,7 +88,7 @@ def _groups(spill: Spill, worlds: int, per_find: int) -> tuple[list[Group], tupl
 def _equip(spec: EnsembleSpec, spill: Spill, worlds: Worlds, groups: list[Group], bounds: tuple[int, ...]) -> Ensemble:
     """Return objects of every class with the worlds they belong to, each with its own leeway and errors."""
     seed = noise.seed_for(spec.seed, Purpose.BACKWARD)  # other noise than that of the forward run
-    ensemble, key = record.empty(seed, bounds, drift.COLUMNS), noise.key(seed)
+    ensemble, key = record.empty(seed, bounds, release.columns(worlds)), noise.key(seed)
     world = np.concatenate([np.repeat(np.arange(worlds.size, dtype=np.int32), group.count) for group in groups])
     ensemble.world.from_numpy(world)
     factor = runtime.upload(worlds.windage.astype(np.float32))
@@ -101,7 +101,7 @@ def _equip(spec: EnsembleSpec, spill: Spill, worlds: Worlds, groups: list[Group]
         for name in drift.LEEWAY:
             kernel.scale_windage(*slots[:2], ensemble.own[name], ensemble.world, factor)
         drift.draw_errors(ensemble, slots, key, spec.errors.unbiased())
-    release.share(ensemble, worlds.current_east, worlds.current_north)
+    release.share(ensemble, worlds)
     return ensemble
 
 

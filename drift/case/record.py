@@ -93,8 +93,8 @@ class Case:
 
     @property
     def sources(self) -> tuple[ForcingSpec, ...]:
-        """All sources of forcing."""
-        return tuple(itertools.chain.from_iterable(self.forcing.values()))
+        """All sources of forcing, and in place of an ensemble's the sources of its members."""
+        return tuple(part for spec in itertools.chain.from_iterable(self.forcing.values()) for part in spec.parts)
 
     @property
     def period(self) -> Period:

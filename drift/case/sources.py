@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, field_validator, model_validator
 
-from drift.case import fields, units
+from drift.case import fields, messages, units
 from drift.environment.forcing_spec import ForcingSpec, Report, Slices
 from geo import notation
 from geo.errors import UserError
@@ -25,6 +25,8 @@ from geo.files import fence
 from geo.forcing.quantity import QUANTITIES
 
 SPEEDS = ("speed", "tide", "sea_breeze", "mean_east", "mean_north")  # parameters of built-in flows that are in m/s
+
+MOST_MEMBERS = 1000
 
 ADDRESS = re.compile(r"[a-z][a-z0-9+]*://", re.IGNORECASE)
 
@@ -131,6 +133,24 @@ def _base(value: object) -> float:
     return units.quantity(value, "", "number", "0.5 m/s")
 
 
+def _members(value: Any) -> Any:
+    """Refuse what says nothing of members."""
+    if isinstance(value, bool) or (isinstance(value, str) and value.strip()):
+        return value
+    if not isinstance(value, list) or not all(isinstance(member, dict) for member in value):
+        raise ValueError(
+            f"{value!r} says nothing of members; write true, the name of their dimension, or a list of tables, a member "
+            "each: [{ constant = { .. } }, { constant = { .. } }]"
+        )
+    if not 2 <= len(value) <= MOST_MEMBERS:
+        raise ValueError(f"has {len(value)} member{'s' * (len(value) != 1)}; must have 2 to {MOST_MEMBERS}")
+    for number, member in enumerate(value, 1):
+        for key in ("name", "fill", "add", "members"):
+            if key in member:
+                raise ValueError(f"member {number}: {key} is the same for all members; give it beside members")
+    return value
+
+
 class SourceTable(fields.Table):
     """A table of a quantity's source as written: [[current]], [[wind]] and so on."""
 
@@ -152,6 +172,7 @@ class SourceTable(fields.Table):
     plausible: bool = False
     timeout: fields.Timeout = 60.0
     add: bool = False
+    members: Annotated[bool | str | list[dict[str, Any]], BeforeValidator(_members)] = False
 
     @field_validator("fill")
     @classmethod
@@ -164,6 +185,13 @@ class SourceTable(fields.Table):
     @model_validator(mode="after")
     def one_kind(self) -> "SourceTable":
         """Refuse two kinds of source in one table, and keys that belong to another kind."""
+        if isinstance(self.members, list):
+            for number, member in enumerate(self.members, 1):
+                try:
+                    self._member(member)
+                except ValidationError as error:
+                    raise ValueError(f"member {number}: {messages.lines(error, member)[0]}") from None
+            return self
         try:
             kind = fields.one_of(self, ("files", "dataset", "constant", "table", "analytic"))
         except ValueError as error:
@@ -171,6 +199,11 @@ class SourceTable(fields.Table):
             how = "; leave one out (--set gives a whole source so: current.0='{ constant = { .. } }')"
             raise ValueError(f"{error}{how if several else ''}") from None
         if kind not in ("files", "dataset"):
+            if self.members:
+                raise ValueError(
+                    f"members = {str(self.members).lower()} belongs to files and to a dataset; this source is {kind}: give a "
+                    "table for each member"
+                )
             for key in ("variables", "units", "depth", "steady", "times", "plausible"):
                 if key in self.model_fields_set:
                     raise ValueError(f"{key} belongs to files and to a dataset; this source is {kind}")
@@ -193,16 +226,29 @@ class SourceTable(fields.Table):
         if QUANTITIES[quantity].in_air and self.depth is not None:
             in_water = " and ".join(f"[[{name}]]" for name, other in QUANTITIES.items() if not other.in_air)
             raise ValueError(f"depth belongs to {in_water}; name a wind's level by its index, in variables")
+        if isinstance(self.members, list):
+            return ForcingSpec(
+                name=self.name or f"{quantity} {number}",
+                quantity=quantity,
+                fill=QUANTITIES[quantity].fill if self.fill is None else self.fill,
+                add=self.add,
+                members=True,
+                each=tuple(
+                    self._of(k, self._member(member), quantity, start, folder)
+                    for k, member in enumerate(self.members, 1)
+                ),
+            )
         ceiling = QUANTITIES[quantity].fastest
         for place, speed in self._speeds():
             if speed > ceiling:
                 raise ValueError(
                     f"{place}: {speed:.4g} m/s is too fast for a {QUANTITIES[quantity].spoken}; at most {ceiling:g} m/s"
                 )
+        entries = [tuple(matching(written, folder)) for written in self.files or ()]
         return ForcingSpec(
             name=self.name or f"{quantity} {number}",
             quantity=quantity,
-            files=tuple(path for written in self.files or () for path in matching(written, folder)),
+            files=tuple(itertools.chain.from_iterable(entries)),
             dataset=self.dataset,
             constant=self.constant.components() if self.constant else None,
             table=_report(self.table, start) if self.table is not None else None,
@@ -217,7 +263,24 @@ class SourceTable(fields.Table):
             plausible=self.plausible,
             timeout=self.timeout,
             add=self.add,
+            members=self.members,
+            entries=tuple((path,) for path in entries[0]) if len(entries) == 1 else tuple(entries),
         )
+
+    def _member(self, member: dict[str, Any]) -> "SourceTable":
+        """Return the source that a member is: what stands beside members, and what its own table says in place of it."""
+        shared = {key: getattr(self, key) for key in self.model_fields_set - {"name", "fill", "add", "members"}}
+        own = dict(member)
+        if "parameters" in own and isinstance(own["parameters"], dict):
+            own["parameters"] = {**self.parameters, **own["parameters"]}
+        return SourceTable(**{**shared, **own})
+
+    def _of(self, number: int, member: "SourceTable", quantity: str, start: np.datetime64, folder: Path) -> ForcingSpec:
+        """Return a member as a source of its own."""
+        try:
+            return member.spec(quantity, number, start, folder)
+        except ValueError as error:
+            raise ValueError(f"member {number}: {error}") from None
 
     def _speeds(self) -> Iterator[tuple[str, float]]:
         """Give the speeds [m/s] that the table itself states, and where."""

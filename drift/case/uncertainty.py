@@ -12,7 +12,7 @@ from pydantic import BeforeValidator
 
 from drift.case import fields
 from drift.environment.forcing_spec import ForcingSpec
-from drift.motion.forcing_error import CASE, DEFAULT, HOUR, NOWHERE, RIVALS, ForcingError
+from drift.motion.forcing_error import CASE, DEFAULT, HOUR, MEMBERS, NOWHERE, RIVALS, ForcingError
 from geo.errors import UserError
 
 # Residuals of two regional ocean models against 248 drifters: 0.30 to 0.34 m/s a component, e-folding after 10 to 14 h,
@@ -70,11 +70,13 @@ def silent(specs: Sequence[ForcingSpec], used: Sequence[Sequence[str]]) -> str:
 
     used: the names of the sources of each scenario.
     """
-    gridded = {spec.name for spec in specs if spec.files or spec.dataset is not None}
+    gridded = {spec.name for spec in specs if any(part.files or part.dataset is not None for part in spec.parts)}
     chosen = {tuple(name for name in names if name in gridded) for names in used} - {()}
     if not chosen:
         return NOWHERE
-    return RIVALS if len(chosen) > 1 else ""  # members of an ensemble, or rivals, are spread by themselves
+    if len(chosen) > 1:  # rivals, or members of an ensemble as scenarios, are spread by themselves
+        return RIVALS
+    return MEMBERS if any(spec.members for spec in specs if spec.name in {*next(iter(chosen))}) else ""
 
 
 def error(

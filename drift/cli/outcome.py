@@ -45,6 +45,7 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     facts |= _search(numbers)
     facts |= _lost(numbers)
     facts |= _coast(numbers)
+    facts |= {"members": _members(numbers["members"])} if "members" in numbers else {}
     return facts | _stories(numbers["scenario_weights"])
 
 
@@ -91,6 +92,8 @@ def numbers(last: dict[str, Any]) -> dict[str, Any]:
         "step_s": run["step_s"],
         "warnings": list(last["warnings"]),
     }
+    if "members" in last:
+        told["members"] = last["members"]
     if "search" in last:
         told["sorties"] = [
             {"name": update["name"], "pos": update["pos"]["all"], "cumulative_pos": update["cumulative_pos"]["all"]}
@@ -107,6 +110,16 @@ def numbers(last: dict[str, Any]) -> dict[str, Any]:
 def _square_metres(output: dict[str, Any]) -> dict[str, float]:
     """Return the areas of an output [m2] by the shares that they hold."""
     return {share: 1e6 * area for share, area in output["area_km2"].items()}
+
+
+def _members(told: dict[str, Any]) -> str:
+    """Return how many members of the winds and currents there are, and for which the evidence speaks."""
+    weights = {name: weight["posterior"] for name, weight in told["weights"].items()}
+    if told["effective"] > 0.999 * told["number"]:
+        return f"{told['number']}, all as likely"
+    first = sorted(weights, key=lambda name: -weights[name])[:3]
+    likeliest = ", ".join(f"{name} {_percent(weights[name])}" for name in first)
+    return f"{told['number']}, of which {told['effective']:.1f} count after all that was seen; likeliest {likeliest}"
 
 
 def _stories(stories: dict[str, Any]) -> Facts:

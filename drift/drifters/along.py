@@ -180,7 +180,13 @@ def _sampled(
     time = np.concatenate([point[0] for point in points])
     positions = [track.at(point[0]) for track, point in zip(tracks, points, strict=True)]
     lon, lat = (sphere.to_binary(np.concatenate([position[k] for position in positions])) for k in (0, 1))
-    sources = start.open_for(over(case, tracks), datasets).scenarios[0]
+    where = start.open_for(over(case, tracks), datasets)
+    if where.members:
+        raise UserError(
+            f"{case.path.name}: drifters are compared with one current and one wind, not with {len(where.members)} members of an "
+            "ensemble: leave members out, and choose one by its index in variables"
+        )
+    sources = where.scenarios[0]
     forcing = Forcing([sources], 1)
     sampled = {quantity: np.full((time.size, 2), np.nan) for quantity in asked}
     try:

@@ -26,6 +26,7 @@ def at(sources: Sources, quantity: str, times: npt.NDArray[np.datetime64], lon: 
     """Return a quantity at places [deg] (m,) and times (t,): east and north [m/s], (t, m, 2), NaN where there is none.
 
     As for particles, of sources by priority the first with a value at a place counts, and what is added to it must have one too.
+    Of an ensemble it is the mean of its members.
     """
     moments = notation.epochs(times).tolist()
     total = np.full((len(moments), len(lon), 2), np.nan)
@@ -33,11 +34,12 @@ def at(sources: Sources, quantity: str, times: npt.NDArray[np.datetime64], lon: 
         for number, term in enumerate(sources.terms(quantity)):
             values = np.full_like(total, np.nan)
             for source, cells in _tiles(sources, quantity, term):
-                slices = Slices(source, cells, 1, pool)
+                members = [Slices(member, cells, 1, pool) for member in source.members]
                 for k, moment in enumerate(moments):
                     missing = np.isnan(values[k]).any(axis=1)
                     if missing.any():
-                        values[k, missing] = _then(slices, source.grid, moment, lon[missing], lat[missing])
+                        place = source.grid, moment, lon[missing], lat[missing]
+                        values[k, missing] = sum(_then(slices, *place) for slices in members) / len(members)
             total = values if number == 0 else total + values
     return total
 

@@ -105,8 +105,9 @@ def _fastest(specs: Sequence[ForcingSpec], quantity: Quantity) -> float:
     """
     if not specs and not quantity.needed:
         return 0.0
-    typed = [spec.constant for spec in specs if spec.constant is not None]
-    typed += [row for spec in specs if spec.table for row in zip(spec.table.east, spec.table.north, strict=True)]
+    parts = [part for spec in specs for part in spec.parts]
+    typed = [spec.constant for spec in parts if spec.constant is not None]
+    typed += [row for spec in parts if spec.table for row in zip(spec.table.east, spec.table.north, strict=True)]
     return max([quantity.utmost, *(math.hypot(east, north) for east, north in typed)])
 
 

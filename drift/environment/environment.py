@@ -1,7 +1,7 @@
 """What a run drifts in: the winds and currents of its domain, and the coast; opened once, checked once."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -21,8 +21,9 @@ from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast.shore import Shore
 from geo.errors import UserError
+from geo.files import dataset
 from geo.forcing import memory, sources, stream
-from geo.forcing.kept import Finished, Shelf
+from geo.forcing.kept import Finished
 from geo.forcing.quantity import QUANTITIES, needed
 from geo.forcing.sources import Source
 
@@ -43,6 +44,9 @@ class Environment:
     sources: tuple[Source, ...]
     coast: shoreline.Coast | None
     notes: tuple[str, ...]
+    members: tuple[
+        str, ...
+    ] = ()  # what the members of its ensemble of winds and currents are called; empty: it has none
 
 
 class Common(Protocol):
@@ -78,9 +82,7 @@ def open_for(
     box = domain.bounds(spec, asked)
     opened = {(source.quantity, source.name): _open(source, box, spec.period, held, common) for source in asked.sources}
     finished = Finished(first=True)  # the step is chosen on what the run then drifts in
-    opened = {
-        key: source if source.shelf else replace(source, shelf=Shelf(key, finished)) for key, source in opened.items()
-    }
+    opened = {key: source if source.shelf else source.shelved(key, finished) for key, source in opened.items()}
     cells = {(source.quantity, source.name): source.fill for source in asked.sources}
     added = frozenset((source.quantity, source.name) for source in asked.sources if source.add)
     opened = {key: _with_notes(source, added) for key, source in opened.items()}
@@ -108,7 +110,29 @@ def open_for(
             f"[spill]: there is no coast in its domain, {box.west:.2f}..{box.east:.2f} E, {box.south:.2f}.."
             f"{box.north:.2f} N ({land.source}): nothing can come ashore; widen [domain], or check [coast] source"
         )
-    return Environment(box, tuple(scenarios), shown, coast, land.notes)
+    used = {
+        (source.quantity, source.name): source
+        for named in scenarios
+        for quantity in QUANTITIES
+        for source in named.of(quantity)
+    }
+    return Environment(box, tuple(scenarios), shown, coast, land.notes, _members(list(used.values())))
+
+
+def _members(used: Sequence[Source]) -> tuple[str, ...]:
+    """Return what the members of a run are called; empty where it has none.
+
+    Raises UserError where two sources do not have the same number of them.
+    """
+    ensembles = [source for source in used if source.others]
+    if len({len(source.members) for source in ensembles}) > 1:
+        told = ", ".join(f'{len(s.members)} of {s.quantity} "{s.name}"' for s in ensembles)
+        raise UserError(
+            f"the ensembles of a run must have the same number of members, for a particle drifts in the same member of "
+            f"each; given {told}: name as many of each, or choose one of a source by variables"
+        )
+    together = zip(*([member.label for member in source.members] for source in ensembles), strict=True)
+    return tuple(" + ".join(dict.fromkeys(labels)) for labels in together)
 
 
 def part(box: Box) -> Box:
@@ -146,7 +170,8 @@ def hold(asked: EnvironmentSpec, datasets: Mapping[str, Any] | None, place: str)
     place: what a refusal calls the case, the name of its file.
     """
     given = memory.hold(datasets)
-    named = {spec.dataset: spec for spec in asked.sources if spec.dataset is not None}
+    every = [part for spec in asked.sources for part in spec.parts]
+    named = {spec.dataset: spec for spec in every if spec.dataset is not None}
     for name, spec in named.items():
         if name not in given:
             raise UserError(
@@ -166,6 +191,11 @@ def _open(
     spec: ForcingSpec, box: Box, period: Period, held: Mapping[str, memory.Held], common: Common | None
 ) -> Source:
     """Return one source, cropped to the box."""
+    if spec.each:
+        own = [_open(part, box, period, held, common) for part in spec.parts]
+        called = _called(spec)
+        joined = sources.ensemble([replace(source, label=label) for source, label in zip(own, called, strict=True)])
+        return replace(joined, name=spec.name)
     if spec.constant is not None:
         return sources.constant(spec.quantity, *spec.constant, name=spec.name)
     if spec.table is not None:
@@ -190,6 +220,25 @@ def _open(
         if spec.dataset is not None:
             reason = reason.replace(f"[[{spec.quantity}]] files", f"[[{spec.quantity}]] dataset")
         raise UserError(f'{spec.quantity} "{spec.name}": {reason}') from None
+
+
+def _called(spec: ForcingSpec) -> list[str]:
+    """Return what members that are sources of their own are called: by what they are, or by number if that is long."""
+    called = []
+    for number, part in enumerate(spec.parts, 1):
+        if part.constant is not None:
+            called.append(sources.as_said(spec.quantity, *part.constant))
+        elif part.analytic is not None:
+            called.append(
+                ", ".join(f"{k} = {v:g}" for k, v in part.parameters.items() if _differs(spec, k)) or str(number)
+            )
+        else:
+            called.append(dataset.title(part.files) or part.dataset or str(number))
+    return called if len(set(called)) == len(called) else [str(number) for number in range(1, len(called) + 1)]
+
+
+def _differs(spec: ForcingSpec, key: str) -> bool:
+    return len({part.parameters.get(key) for part in spec.parts}) > 1
 
 
 def _with_notes(source: Source, added: frozenset[tuple[str, str]]) -> Source:

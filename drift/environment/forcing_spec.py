@@ -30,7 +30,7 @@ class Slices:
 
 @dataclass(frozen=True)
 class ForcingSpec:
-    """One source of a quantity; exactly one of files, dataset, constant, table and analytic is given."""
+    """One source of a quantity; exactly one of files, dataset, constant, table, analytic and each is given."""
 
     name: str
     quantity: str
@@ -49,6 +49,15 @@ class ForcingSpec:
     plausible: bool = False  # the user vouches for the speeds in the files
     timeout: float = 60.0  # [s] that the server of an address may leave a question unanswered
     add: bool = False  # added to what the sources without it give by priority
+    # Whether its files, or its dataset, are members of an ensemble; or the name of the dimension along which members lie.
+    members: bool | str = False
+    entries: tuple[tuple[str, ...], ...] = ()  # the files of each entry of a list, or each file of a single pattern
+    each: tuple["ForcingSpec", ...] = ()  # the members of an ensemble, where each is a source of its own
+
+    @property
+    def parts(self) -> tuple["ForcingSpec", ...]:
+        """What it is made of: its members where each is a source of its own, else itself."""
+        return self.each or (self,)
 
 
 Forcing = Mapping[str, tuple[ForcingSpec, ...]]  # sources by quantity, each in order of priority
@@ -64,4 +73,6 @@ def options(spec: ForcingSpec) -> dict[str, Any]:
         "depth": spec.depth,
         "plausible": spec.plausible,
         "timeout": spec.timeout,
+        "members": spec.members,
+        "entries": spec.entries,
     }

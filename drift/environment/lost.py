@@ -14,7 +14,7 @@ from drift.motion.clock import Clock
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.forcing import Term
 from drift.motion.scene import Scene
-from drift.particles import partials
+from drift.particles import members, partials
 from drift.particles.ensemble import Ensemble
 from drift.particles.partials import PART, Blocks, Partial
 from drift.particles.status import LOST, Status
@@ -50,13 +50,18 @@ def lacking(box: Box, ensemble: Ensemble, scene: Scene, clock: Clock) -> Lacking
     lon, lat, release, logs = (
         column.to_numpy() for column in (ensemble.lon, ensemble.lat, ensemble.release, ensemble.log_weight)
     )
+    member = members.of(ensemble)
     parts = []
     for blocks, (first, last) in ensemble.blocks.cuts(PART):
         own = slice(first, last)
         weight = np.exp(logs[own].astype(np.float64))
         # What is released later may find a value where a source has none yet, so the run itself judges it.
         now = np.where(release[own] <= clock.step, weight, 0.0)
-        parts.append(_lacking(box, scene, blocks, weight, _Begun(lon[own], lat[own], now)))
+        parts.append(
+            _lacking(
+                box, scene, blocks, weight, _Begun(lon[own], lat[own], now, None if member is None else member[own])
+            )
+        )
     return merged(parts)
 
 
@@ -66,6 +71,7 @@ class _Begun(NamedTuple):
     lon: Array
     lat: Array
     weight: Array
+    member: Array | None  # of an ensemble of forcings in which each drifts
 
 
 def _lacking(box: Box, scene: Scene, blocks: Blocks, whole: Array, begun: _Begun) -> Lacking:
@@ -81,7 +87,8 @@ def _lacking(box: Box, scene: Scene, blocks: Blocks, whole: Array, begun: _Begun
         seen = blocks.partial(begun.weight[slots], slots=slots)
         lacks = {quantity: np.zeros(slots.size, bool) for quantity in needed()}  # where a term has no value
         lon, lat = begun.lon[slots], begun.lat[slots]
-        for k, (quantity, _, valid) in enumerate(silence.terms(scene.forcing, sea[0], lon, lat)):
+        member = None if begun.member is None else begun.member[slots]
+        for k, (quantity, _, valid) in enumerate(silence.terms(scene.forcing, sea[0], lon, lat, member)):
             lacks[quantity] |= ~valid
             silent[quantity, number, k] = _placed(blocks, begun, slots[~valid]), seen
         for quantity, there in lacks.items():

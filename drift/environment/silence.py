@@ -22,15 +22,15 @@ AHEAD = (0.0, 1.0, 3.0)  # steps ahead along the current: a stage of the step fo
 
 
 def terms(
-    forcing: Forcing, scenario: int, lon: Array, lat: Array, fraction: float = 0.0
+    forcing: Forcing, scenario: int, lon: Array, lat: Array, member: Array | None, fraction: float = 0.0
 ) -> Iterator[tuple[str, Term, Array]]:
     """Yield the quantity and the term, and where the term has a value, for all terms of a scenario that it needs.
 
-    lon, lat: places [binary angle] (n,); fraction: of the step that the forcing is set to.
+    lon, lat: places [binary angle] (n,); member: in which member of an ensemble each is, int32 (n,), None without one; fraction: of the step that the forcing is set to.
     """
     for quantity in needed():
         for term in forcing.terms[scenario][quantity]:
-            yield quantity, term, forcing.tiles.at(term.first, term.last, lon, lat, fraction)[:, 2] > 0.5
+            yield quantity, term, forcing.tiles.at(term.first, term.last, lon, lat, fraction, member)[:, 2] > 0.5
 
 
 class Ended(NamedTuple):
@@ -75,9 +75,13 @@ def lost(forcing: Forcing, clock: Clock, ends: Callable[[], Iterable[Ended]]) ->
                 for ahead in AHEAD:
                     if slots.size:
                         time = ahead * clock.direction * clock.step
-                        lon, lat = _along(forcing, scenario, end.snapshot.lon[slots], end.snapshot.lat[slots], time)
+                        own = end.snapshot
+                        member = None if own.member is None else own.member[slots]
+                        lon, lat = _along(forcing, scenario, own.lon[slots], own.lat[slots], member, time)
                         share = partial(end.snapshot.blocks.total, slots=slots)
-                        slots = slots[_add_silent(shares, forcing, scenario, lon, lat, probability[slots], share)]
+                        slots = slots[
+                            _add_silent(shares, forcing, scenario, lon, lat, member, probability[slots], share)
+                        ]
     scale = float(by_step.sum() / by_step[chosen].sum()) if chosen else 1.0
     return {key: share * scale for key, share in shares.items()}
 
@@ -102,6 +106,7 @@ def _add_silent(
     scenario: int,
     lon: Array,
     lat: Array,
+    member: Array | None,
     probability: Array,
     total: Callable[[Array], float],
 ) -> Array:
@@ -112,7 +117,7 @@ def _add_silent(
     valid_all = np.ones(lon.size, bool)
     for fraction in (0.0, 1.0):
         before = valid_all.copy()
-        for quantity, term, valid in terms(forcing, scenario, lon, lat, fraction):
+        for quantity, term, valid in terms(forcing, scenario, lon, lat, member, fraction):
             share = total(np.where(before & ~valid, probability, 0.0))
             if share > 0:
                 shares[quantity, term.names] = shares.get((quantity, term.names), 0.0) + share
@@ -120,12 +125,15 @@ def _add_silent(
     return valid_all
 
 
-def _along(forcing: Forcing, scenario: int, lon: Array, lat: Array, time: float) -> tuple[Array, Array]:
+def _along(
+    forcing: Forcing, scenario: int, lon: Array, lat: Array, member: Array | None, time: float
+) -> tuple[Array, Array]:
     """Return the places [binary angle] to which the current leads in a time [s], straight on.
 
     Places without a current stay.
     """
-    east, north, valid = forcing.tiles.at(*forcing.ranges[scenario]["current"], lon, lat, 0.0).astype(np.float64).T
+    told = forcing.tiles.at(*forcing.ranges[scenario]["current"], lon, lat, 0.0, member)
+    east, north, valid = told.astype(np.float64).T
     metres = np.where(valid > 0.5, time, 0.0) / (sphere.RADIUS * sphere.UNIT)
     x = lon + np.nan_to_num(east) * metres / np.cos(lat * sphere.UNIT)
     y = lat + np.nan_to_num(north) * metres

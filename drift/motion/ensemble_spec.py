@@ -36,6 +36,7 @@ class EnsembleSpec:
     debris: tuple[Drifter, ...] = ()  # what drifts beside the objects, and is reported by contacts
     release: Release | None = None  # only of a spill
     counts: tuple[int, ...] | None = None  # particles of each scenario; None: by their weights
+    members: tuple[str, ...] = ()  # what the members of an ensemble of forcings are called; empty: there is none
 
     @property
     def story(self) -> str:

@@ -72,12 +72,12 @@ class Forcing:
     def __init__(self, scenarios: list[Sources], direction: int) -> None:
         self._closed = Event()
         self._pool = ThreadPoolExecutor(1, "read-ahead", waiting.ask, (partial(_heed, self._closed),))
-        self._slices: list[Slices] = []
+        self._slices: list[tuple[Slices, ...]] = []  # of each tile, by member
         self.ranges: list[Ranges] = []
         self.terms: list[dict[str, list[Term]]] = []
         self._direction = direction
         by_sources: dict[Any, list[Term]] = {}  # scenarios that see the same sources share tiles
-        shared: dict[Any, Slices] = {}
+        shared: dict[Any, tuple[Slices, ...]] = {}
         ends: list[int] = []
         for scenario in scenarios:
             ranges: dict[str, tuple[int, int]] = {}
@@ -92,7 +92,10 @@ class Forcing:
                         raw = [(s, 0) for s in sources] if len(sources) > 1 else []
                         for source, cells in raw + [(s, scenario.cells.get((quantity, s.name), 0)) for s in sources]:
                             key = (id(source), cells)
-                            shared.setdefault(key, Slices(source, cells, direction, self._pool))
+                            if key not in shared:
+                                shared[key] = tuple(
+                                    Slices(member, cells, direction, self._pool) for member in source.members
+                                )
                             self._slices.append(shared[key])
                         last = len(self._slices)
                         ends += [last] * (last - first)
@@ -101,15 +104,19 @@ class Forcing:
                 ranges[quantity] = (tiled[0].first, tiled[-1].last) if tiled else (0, 0)
                 self.terms[-1][quantity] = tiled
             self.ranges.append(ranges)
-        self.tiles = Tiles([s.source.grid for s in self._slices], ends)
+        self.tiles = Tiles([s[0].source.grid for s in self._slices], ends, [len(s) for s in self._slices])
         self._held: list[tuple[Key, Key] | None] = [None] * len(self._slices)
         self.movers: dict[tuple[int, int, int], tuple[Any, Any]] = {}  # see scene.Scene
+
+    def members(self, scenario: int, quantity: str) -> int:
+        """Return how many members of an ensemble tell a scenario a quantity; 1 where it is none."""
+        return max((len(self._slices[tile]) for tile in range(*self.ranges[scenario][quantity])), default=1)
 
     def set(self, low: int, high: int) -> None:
         """Make the tiles say what the forcing is over the step [low, high] [s since 1970]."""
         weights: list[tuple[float, float] | None] = []
         for tile, slices in enumerate(self._slices):
-            bracket = slices.bracket(low, high)
+            bracket = slices[0].bracket(low, high)  # members have the same times
             if bracket is None:
                 weights.append(None)
                 continue
@@ -118,15 +125,15 @@ class Forcing:
             weights.append(ends if self._direction > 0 else ends[::-1])
         self.tiles.blend(weights)
 
-    def _load(self, tile: int, slices: Slices, bracket: Bracket) -> None:
+    def _load(self, tile: int, members: tuple[Slices, ...], bracket: Bracket) -> None:
         wanted, held = (bracket.earlier, bracket.later), self._held[tile]
         if wanted == held:
             return
-        if held is not None and held[1] == wanted[0]:
-            self.tiles.place(tile, slices.get(wanted[1]), later=True, shift=True)
-        else:
-            self.tiles.place(tile, slices.get(wanted[0]), later=False)
-            self.tiles.place(tile, slices.get(wanted[1]), later=True)
+        follows = held is not None and held[1] == wanted[0]
+        for member, slices in enumerate(members):
+            if not follows:
+                self.tiles.place(tile, slices.get(wanted[0]), later=False, member=member)
+            self.tiles.place(tile, slices.get(wanted[1]), later=True, shift=follows, member=member)
         self._held[tile] = wanted
 
     def close(self) -> None:

@@ -3,8 +3,9 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-CASE, DEFAULT, NOWHERE, RIVALS, UNFELT = (
-    "case", "default", "not from model files", "rival sources", "nothing drifts with it",
+CASE, DEFAULT, NOWHERE, RIVALS, MEMBERS, UNFELT = (
+    "case", "default", "not from model files", "rival sources", "the spread of its members stands for it",
+    "nothing drifts with it",
 )  # fmt: skip
 HOUR = 3600.0
 

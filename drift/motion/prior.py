@@ -16,7 +16,7 @@ from drift.motion.models import MODELS
 from drift.motion.period import Period
 from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 from drift.particles import ensemble as record
-from drift.particles import partials, resample
+from drift.particles import members, partials, resample
 from drift.particles.ensemble import Ensemble, Layout, Slots
 from drift.particles.status import Status
 from geo import sphere
@@ -54,7 +54,8 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None, own: Layout | None = Non
     """Return the initial ensemble of scenarios, conditioned on water; own: of a shard, by default of the whole run."""
     whole = layout(spec)
     own = own or whole
-    ensemble = record.empty(spec.seed, own, models.columns(spec.scenarios))
+    columns = (*models.columns(spec.scenarios), *((members.COLUMN,) if spec.members else ()))
+    ensemble = record.empty(spec.seed, own, columns)
     key = noise.key(spec.seed)
     tried: list[tuple[int, int]] = []
     for scenario, slots in zip(spec.scenarios, ensemble.slots, strict=True):
@@ -72,7 +73,10 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None, own: Layout | None = Non
     counts = counts_of(spec)
     within = ensemble.places - np.repeat(whole.bounds[:-1], np.diff(own.bounds))  # number in its scenario
     spare = within >= np.repeat(counts, np.diff(own.bounds))
-    ensemble.log_weight.from_numpy(_log_weights(spec, ensemble, counts, spare))
+    log_weight = _log_weights(spec, ensemble, counts, spare)
+    if spec.members:
+        _deal(spec, ensemble, counts, within, log_weight)
+    ensemble.log_weight.from_numpy(log_weight)
     if spare.any():
         ensemble.status.from_numpy(np.where(spare, int(Status.LEFT), ensemble.status.to_numpy()).astype(np.int32))
     return Prior(ensemble, begun)
@@ -130,6 +134,26 @@ def _log_weights(spec: EnsembleSpec, ensemble: Ensemble, counts: list[int], spar
         with np.errstate(divide="ignore"):
             each.append(np.log(scenario.weight) - np.log(max(count, 1)))
     return np.where(spare, -np.inf, np.repeat(each, np.diff(ensemble.bounds))).astype(np.float32)
+
+
+def _deal(spec: EnsembleSpec, ensemble: Ensemble, counts: list[int], within: Array, log_weight: Array) -> None:
+    """Give each particle its member of the ensemble of forcings, all equally likely in each scenario, in place.
+
+    within: number of each in its scenario, (n,).
+    """
+    many, column = len(spec.members), np.zeros(ensemble.n, np.int32)
+    for scenario, (first, last), count in zip(spec.scenarios, ensemble.scenarios, counts, strict=True):
+        if count < many:
+            raise UserError(
+                f'scenario "{scenario.name}" gets {count} of the {sum(counts)} particles, which is too few for {many} '
+                "members of the ensemble of winds or currents: it needs one for each; raise particles"
+            )
+        own = first + np.flatnonzero(within[first:last] < count)
+        ends = members.ends(count, many)
+        column[own] = np.searchsorted(ends, within[own], "right")
+        share = -np.log(many) - np.log(np.diff(ends, prepend=0))  # members are equally likely
+        log_weight[own] += share[column[own]] + np.log(count)
+    ensemble.own[members.COLUMN.name].from_numpy(column)
 
 
 class _Draw(NamedTuple):

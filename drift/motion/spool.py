@@ -16,7 +16,7 @@ import numpy as np
 
 from drift.motion.period import Period
 from drift.motion.simulate import Moment
-from drift.particles import partials
+from drift.particles import members, partials
 from drift.particles.ensemble import Ensemble, Layout
 from drift.particles.partials import PART, Blocks
 from drift.particles.snapshot import Snapshot
@@ -29,7 +29,7 @@ KINDS = {
     for name, kind in (
         ("lon", np.int32), ("lat", np.int32), ("status", np.uint8), ("log_weight", np.float32),
         ("ancestors", np.int32), ("family", np.int32), ("world", np.int32), ("release", np.int32),
-        ("status_since", np.int32), ("edge", np.int32),
+        ("status_since", np.int32), ("edge", np.int32), ("member", np.int32),
     )
 }  # fmt: skip
 END = ("log_weight", "release", "status_since", "edge", "world")  # columns of an ensemble that are kept of its end
@@ -89,8 +89,8 @@ class Reel:
             if family is not None and moment.ancestors is None:
                 where["family"] = self.taken[-1].where["family"]
             self.taken.append(Taken(period.time(moment.elapsed), moment.layout, where))
-        for name in END:
-            self.end[name] = self._keep(name, getattr(ensemble, name).to_numpy())
+        for name in (*END, *({members.COLUMN.name} & {*ensemble.own})):
+            self.end[name] = self._keep(name, ensemble.columns[name].to_numpy())
 
     def reweigh(self, log_weight: Array) -> None:
         """Take weights for all times that have none of their own."""
@@ -215,7 +215,11 @@ class Spool(Sequence[Snapshot]):
         scenario = np.repeat(own.scenario.astype(np.int32), np.diff(own.first, append=own.n))
         family = reel.read("family", at, *slots) if "family" in taken.where else None
         world = reel.read("world", None, *slots) if self._worlds else None
-        return Snapshot(taken.time, lon, lat, probability, status.astype(np.int32), scenario, family, world, own)
+        # What a particle drifts in is known of its end: before it was drawn anew a slot may have had another.
+        member = reel.read("member", None, *slots) if "member" in reel.end and at == len(self) - 1 else None
+        return Snapshot(
+            taken.time, lon, lat, probability, status.astype(np.int32), scenario, family, world, member, own
+        )
 
     def _normal(self, at: int) -> tuple[float, float]:
         """Return the largest log weight of a snapshot, and the sum of all weights in units of the largest."""

@@ -17,7 +17,7 @@ from drift.motion.period import Period
 from drift.particles.ensemble import NEVER, Column, Device, Ensemble
 from geo.array import Array
 from kernels import advance as kernel
-from kernels import felt, observe_targets, runtime, steer, sweep_targets
+from kernels import batch, felt, observe_targets, runtime, steer, sweep_targets
 from kernels.batch import Batch
 from kernels.coast import DeviceCoast
 from kernels.observe import Shape, Window
@@ -119,11 +119,15 @@ class Helm:
         exposure: Device,
         passed: Device,
         shore: bool,
+        chosen: Array | None = None,
     ) -> None:
-        """Add what a sensor does to targets on a stretch of the step just made: see kernels.sweep_targets.expose."""
-        e = self._ensemble
+        """Add what a sensor does to targets on a stretch of the step just made: see kernels.sweep_targets.expose.
+
+        chosen: to which, bool (n,); None: to all that it steers.
+        """
+        e, own = self._ensemble, self.batch if chosen is None else batch.among(self.batch, chosen)
         sweep_targets.expose(
-            self._made(kept, step), self.batch, e.scenario, e.seed, step, kind, track, table, scale, unit, exposure,
+            self._made(kept, step), own, e.scenario, e.seed, step, kind, track, table, scale, unit, exposure,
             passed, (e.status, e.status_since), shore,
         )  # fmt: skip
 
@@ -143,7 +147,7 @@ class Helm:
             if part:
                 felt.feel(
                     columns(e), part.batch, self.plan, e.seed, self._coast, e.own,
-                    forcing.tiles.sea({"current": ranges}), error.std, error.time, step,
+                    forcing.tiles, {"current": ranges}, error.std, error.time, step,
                 )  # fmt: skip
 
     def move(self, step: kernel.Step) -> None:

@@ -215,10 +215,14 @@ def sample(ensemble: Ensemble, slots: Array) -> Ensemble:
     return replace(ensemble, layout=layout, own=copied, **core)
 
 
-def joined(parts: Sequence[Ensemble], own: Sequence[Column]) -> Ensemble:
-    """Return the particles of some ensembles as one; own: columns besides CORE."""
+def joined(parts: Sequence[Ensemble]) -> Ensemble:
+    """Return the particles of some ensembles of one run as one, part after part; scenarios are in their order."""
+    columns = {
+        name: runtime.upload(np.concatenate([part.columns[name].to_numpy() for part in parts]))
+        for name in parts[0].columns
+    }
+    core = {column.name: columns.pop(column.name) for column in CORE}
     counts = np.sum([np.diff(part.bounds) for part in parts], axis=0)
-    ensemble = empty(parts[0].seed, (0, *np.cumsum(counts).tolist()), own)
-    for name, column in ensemble.columns.items():
-        column.from_numpy(np.concatenate([part.columns[name].to_numpy() for part in parts]))
-    return ensemble
+    bounds = (0, *np.cumsum(counts).tolist())
+    layout = Layout(bounds, bounds[:-1], parts[0].layout.block)
+    return replace(parts[0], layout=layout, own=columns, **core)

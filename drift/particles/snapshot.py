@@ -33,6 +33,7 @@ class Snapshot:
     scenario: npt.NDArray[np.int32]
     family: Array | None = None  # int: the particle of the beginning from which it descends; None: itself
     world: Array | None = None  # int: the world whose unknowns it shares; None: there are none
+    member: Array | None = None  # int: of an ensemble of forcings in which it drifts; None: there is none
     cut: Blocks | None = None  # blocks by which sums are made; None: by slots alone
 
     @property
@@ -89,13 +90,20 @@ class Means:
 
 def vectors(snapshot: Snapshot, scenarios: int) -> Partial:
     """Return what mean positions are made of: summed unit vectors, by scenario and whether at rest."""
+    return vectors_by(snapshot, snapshot.scenario.astype(np.int64) * 2 + status.at_rest(snapshot.status), 2 * scenarios)
+
+
+def vectors_by(snapshot: Snapshot, code: Array, many: int) -> Partial:
+    """Return the summed unit vectors to what is on the map, by weight and by code (n,), 0 to many - 1."""
     lon, lat = snapshot.lon * sphere.UNIT, snapshot.lat * sphere.UNIT
     weight = np.where(mapped(snapshot), snapshot.probability, 0.0)
     flat = weight * np.cos(lat)
-    code = snapshot.scenario.astype(np.int64) * 2 + status.at_rest(snapshot.status)
-    return snapshot.blocks.partial(
-        flat * np.cos(lon), flat * np.sin(lon), weight * np.sin(lat), code=code, many=2 * scenarios
-    )
+    return snapshot.blocks.partial(flat * np.cos(lon), flat * np.sin(lon), weight * np.sin(lat), code=code, many=many)
+
+
+def places(of: Partial) -> Array:
+    """Return mean positions [deg] by code from sums that `vectors_by` gave, (many, 2)."""
+    return np.array([_position(vector) for vector in of.total]).reshape(-1, 2)
 
 
 def means(of: Partial) -> Means:

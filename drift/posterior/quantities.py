@@ -10,6 +10,7 @@ import numpy as np
 
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.itinerary import Course, InRing, Itinerary, Loiter, Place, Ways
+from drift.particles import members
 from drift.particles.status import Status
 from drift.posterior.quantity import Drawn, Quantity, Values
 from geo import notation
@@ -69,6 +70,16 @@ def _adrift(drawn: Drawn) -> Values:
         lost = ((status == Status.LEFT) | (status == Status.OUTSIDE)) & (since < release)
         holds &= ~(lost | (status == Status.ARRIVED) | (status == Status.AGROUND))
     return Values(release, holds)
+
+
+def _member(drawn: Drawn) -> Values | None:
+    """Return in which member of an ensemble of winds and currents particles drift."""
+    member = members.of(drawn.ensemble)
+    return None if member is None else Values(member, np.ones(drawn.ensemble.n, bool))
+
+
+def _members(spec: EnsembleSpec) -> tuple[str, ...]:
+    return spec.members
 
 
 def _side(drawn: Drawn) -> Values | None:
@@ -149,5 +160,6 @@ QUANTITIES = (
     Quantity("destination", "Destination", "category", _destination, labels=_destinations),
     Quantity("adrift", "Goes adrift", "time", _adrift),
     Quantity("spread_rate", "Spread rate K", "number", _spread_rate, "nmi/sqrt(h)", 60 / NMI),
+    Quantity("member", "Member of the forcing", "category", _member, labels=_members),
     Quantity("side", "Side of the wind", "category", _side, labels=_sides),
 )

@@ -37,13 +37,15 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
     """
     runtime.start()
     where = start.open_for(case, datasets, shore.thinned)
-    few = replace(case, particles=min(case.particles, CHECKED))
+    members = len(where.members)  # each scenario needs a particle of each, and has a tenth of an equal share at least
+    few = replace(case, particles=min(case.particles, max(CHECKED, 20 * members * len(case.scenarios))))
     if case.spill:
-        few = replace(few, spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2)))
+        few = replace(few, spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2, members)))
     begin = start.prepare(few, where)
     try:
         stretches = start.stretches(few, where, begin)
-        work = outlook.work(case, begin.clock.step) + outlook.advised(case, where, begin)
+        nodes = sum(s.grid.nlon * s.grid.nlat * len(s.members) for s in where.sources if s.others)
+        work = outlook.work(case, begin.clock.step, nodes) + outlook.advised(case, where, begin)
         ends, refused = outlook.ends(case, begin)
     finally:
         begin.scene.forcing.close()
@@ -60,6 +62,12 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
     lines = {name: text for name, text in lines.items() if text}
     lines |= {f"coast, note {k}": note for k, note in enumerate(where.notes, 1)}
     lines |= {f"{source.quantity} {source.name}": _source(case, source) for source in where.sources}
+    if members:
+        one = "world" if case.spill else "particle"
+        each = (case.spill.worlds if case.spill else case.particles) // members
+        lines["members"] = (
+            f"{members}, all as likely; each {one} drifts in one of them for its life, about {each:,} in each"
+        )
     if case.spill and stretches:
         lines |= _spill(case.spill, stretches)
     story = "class" if case.spill else "scenario"

@@ -23,6 +23,7 @@ PACE = 8e6  # particle-steps a second of two cores, with errors, diffusion and t
 LONG = 600.0  # [s] of work from which a caution is given
 FOLLOWED = 2_000  # particles that are moved to the end by a coarse step
 MOST_STEPS, FEWEST_STEPS = 60, 8  # that those particles take
+BYTES_PER_NODE = 40  # of a member: two slices on the device, three of half their size that are read ahead
 NODES = 2e8  # nodes of forcing that are read for them; it limits the number of steps
 ENDS = {
     Status.ADRIFT: "adrift",
@@ -37,8 +38,11 @@ ENDS = {
 }
 
 
-def work(case: Case, step: int) -> str:
-    """Return how much a run with a step [s] has to do, and about how long that takes."""
+def work(case: Case, step: int, nodes: int = 0) -> str:
+    """Return how much a run with a step [s] has to do, and about how long that takes.
+
+    nodes: of the grids of all members of an ensemble.
+    """
     count = -(-case.period.duration // step)
     waiting = _lasting(count * case.particles / PACE)
     text = f"{count:,} steps x {case.particles:,} particles, moved in about {waiting} on two cores"
@@ -46,7 +50,8 @@ def work(case: Case, step: int) -> str:
     kept = case.outputs.size * case.particles * BYTES / 2**30
     if kept >= 1:
         text += f", {kept:,.0f} GiB in the temporary folder"
-    return f"{text}; {max(case.particles * BYTES_PER_PARTICLE / 2**30, 0.1):.1f} GiB of memory"
+    held = case.particles * BYTES_PER_PARTICLE + nodes * BYTES_PER_NODE
+    return f"{text}; {max(held / 2**30, 0.1):.1f} GiB of memory"
 
 
 def caution(case: Case) -> str | None:
@@ -90,7 +95,9 @@ def ends(case: Case, begin: Start) -> tuple[str, str]:
     ensemble = begin.ensemble
     chosen = np.unique(np.linspace(0, ensemble.n - 1, min(FOLLOWED, ensemble.n)).astype(np.int64))
     some = record.sample(ensemble, chosen)
-    nodes = sum(tile.nlon * tile.nlat for tile in {id(t): t for t in _grids(begin)}.values())
+    nodes = begin.scene.forcing.tiles.members * sum(
+        tile.nlon * tile.nlat for tile in {id(t): t for t in _grids(begin)}.values()
+    )
     steps = int(np.clip(NODES / max(nodes, 1), FEWEST_STEPS, MOST_STEPS))
     step = begin.clock.step * max(-(-case.period.duration // (steps * begin.clock.step)), 1)
     clock = Clock(begin.clock.start, begin.clock.duration, begin.clock.direction, step, begin.clock.phase)

@@ -15,13 +15,14 @@ import numpy as np
 from drift.motion.forcing import Forcing
 from drift.motion.scene import Begin
 from drift.motion.steer import Helm
+from drift.particles import members as dealt
 from drift.particles.ensemble import Ensemble
 from drift.search import laws, markers, patterns, sensor_path
 from drift.search.markers import Marker, Tracked
 from drift.search.records import Sortie
 from geo import notation
 from geo.array import Array
-from kernels import runtime, sweep
+from kernels import batch, runtime, sweep
 from kernels.advance import Step
 
 Device = Any
@@ -48,13 +49,25 @@ class Exposed:
         return Exposed(*(None if column is None else runtime.copy(column) for column in vars(self).values()))
 
 
+@dataclass(frozen=True)
+class _Way:
+    """Where a sensor goes the same way, and what moves it there besides; None: it does not drift."""
+
+    scenarios: tuple[int, ...]
+    marker: Marker | Tracked | None
+    member: int | None = None  # of an ensemble of currents; None: in all of them
+
+
 class SortieExposure:
     """One sortie in one run; times are seconds after the run's start."""
 
-    def __init__(self, sortie: Sortie, start: int, seas: Sequence[tuple[int, ...]]) -> None:
+    def __init__(
+        self, sortie: Sortie, start: int, seas: Sequence[tuple[int, ...]], members: Sequence[int] | None = None
+    ) -> None:
         """Make ready.
 
-        start: of the run [s since 1970]; seas: scenarios that see the same current, together, all of the run's.
+        start: of the run [s since 1970]; seas: scenarios that see the same current, together, all of the run's;
+        members: of each sea's current, by default one.
         """
         self.sortie = sortie
         self.begin, self.end = notation.epoch(sortie.start) - start, notation.epoch(sortie.end) - start
@@ -66,24 +79,27 @@ class SortieExposure:
             self._place = sensor_path.standing(lon, lat, self.begin, self.end)
         every = tuple(sorted(scenario for sea in seas for scenario in sea))
         self._scenarios = len(every)
-        # Scenarios in which the sensor goes the same way, and what moves it there besides; all where it does not drift.
-        self._ways: list[tuple[tuple[int, ...], Marker | Tracked | None]] = [(every, None)]
+        self._ways = [_Way(every, None)]
+        self._shown = self._ways  # the ways that are told: of an ensemble that of its mean
         self._datum = (0.0, 0.0)
         if sortie.frame == "datum":
-            self._datum, self._ways = self._drifting(start, seas)
+            self._drifts(start, seas, members or [1] * len(seas))
         self._seen = self.begin  # the time [s] up to which its columns count
         self.exposed: Exposed | None = None  # what it has done to each particle; None: nothing yet
 
-    def _drifting(
-        self, start: int, seas: Sequence[tuple[int, ...]]
-    ) -> tuple[tuple[float, float], list[tuple[tuple[int, ...], Marker | Tracked | None]]]:
-        """Return where a drifting frame begins (lon, lat) [deg], and its ways: a marker drifts with the current."""
+    def _drifts(self, start: int, seas: Sequence[tuple[int, ...]], members: Sequence[int]) -> None:
+        """Make ready to drift with a marker, which goes with the current of each sea, and of each of its members."""
         path = self._path or self._place
         assert path is not None
-        datum = self.sortie.datum or (float(path.lon[0]), float(path.lat[0]))
+        datum = self._datum = self.sortie.datum or (float(path.lon[0]), float(path.lat[0]))
         if self.sortie.marker is not None:
-            return datum, [(self._ways[0][0], markers.tracked(self.sortie.marker, start))]
-        return datum, [(scenarios, Marker(*datum, self.begin, scenarios[0])) for scenarios in seas]
+            self._ways = self._shown = [_Way(self._ways[0].scenarios, markers.tracked(self.sortie.marker, start))]
+            return
+        self._ways, self._shown = [], []
+        for sea, many in zip(seas, members, strict=True):
+            self._shown.append(_Way(sea, Marker(*datum, self.begin, sea[0])))
+            own = [_Way(sea, Marker(*datum, self.begin, sea[0], k), k) for k in range(many)]
+            self._ways += own if many > 1 else self._shown[-1:]
 
     @property
     def _kind(self) -> int:
@@ -99,12 +115,12 @@ class SortieExposure:
 
         start: of the run [s since 1970].
         """
-        marker = next(marker for scenarios, marker in self._ways if scenario in scenarios)
+        marker = next(way.marker for way in self._shown if scenario in way.scenarios)
         return replace(self.sortie, marker=marker.legs(start)) if isinstance(marker, Marker) else self.sortie
 
     def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
         """Take its markers over a step, for which the forcing is set."""
-        for _, marker in self._ways:
+        for marker in {id(way.marker): way.marker for way in (*self._ways, *self._shown)}.values():
             if marker is not None:
                 marker.drift(forcing, elapsed, duration)
 
@@ -126,9 +142,14 @@ class SortieExposure:
             self._seen = last
         share = np.array([1 / (self.end - self.begin)])
         times, before, shore = (step.elapsed, step.duration), (begin.lon, begin.lat), self.sortie.ashore
-        for scenarios, marker in self._ways:
-            own, moved = ensemble.batch(scenarios), marker.where if marker else None
-            steered = helm.some(scenarios) if helm and begin.helm else None
+        member = dealt.of(ensemble) if any(way.member is not None for way in self._ways) else None
+        for way in self._ways:
+            own, moved = ensemble.batch(way.scenarios), way.marker.where if way.marker else None
+            steered = helm.some(way.scenarios) if helm and begin.helm else None
+            chosen = None  # which slots of all, where it is not all of these scenarios
+            if member is not None and way.member is not None:
+                chosen = member == way.member
+                own = batch.among(own, chosen)
             if self._path is not None and self._looks:
                 track = self._path.between(first, last, step.elapsed, moved, self._datum)
                 if track is not None:
@@ -137,7 +158,7 @@ class SortieExposure:
                         column = exposed.adrift if self._kind == sweep.ABEAM else exposed.under_way
                         steered.expose(
                             begin.helm, step, self._kind, track, *self._tables_under_way, self._unit, column,
-                            exposed.passed, shore,
+                            exposed.passed, shore, chosen,
                         )  # fmt: skip
             if self._place is not None and self._ring is not None:
                 track = self._place.between(first, last, step.elapsed, moved, self._datum)
@@ -147,7 +168,8 @@ class SortieExposure:
                 if steered and begin.helm and track is not None:
                     column = exposed.inside if apart else exposed.under_way
                     steered.expose(
-                        begin.helm, step, sweep.INSIDE, track, self._ring, share, self._unit, column, exposed.passed, shore
+                        begin.helm, step, sweep.INSIDE, track, self._ring, share, self._unit, column, exposed.passed, shore,
+                        chosen,
                     )  # fmt: skip
         return exposed
 

@@ -65,7 +65,8 @@ class Search:
         self._spec, self._resampling, self.ensemble, self._scene = spec, resampling, ensemble, scene
         self._start = spec.period.epoch
         seas = scene.seas("current")
-        self._all = [SortieExposure(sortie, self._start, seas) for sortie in sorties]
+        members = [scene.forcing.members(sea[0], "current") for sea in seas]
+        self._all = [SortieExposure(sortie, self._start, seas, members) for sortie in sorties]
         self._waiting = list(self._all)
         self._contacts = [(spec.period.elapsed(contact.time), contact) for contact in contacts]
         self._shared: dict[tuple[str, float], Device] = {}

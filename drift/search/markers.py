@@ -1,7 +1,7 @@
 """Datum markers: where a pattern that drifts with the water has got to.
 
 A marker whose track is not known drifts with the water from the pattern's datum on, in the scenario's own forcing and
-without errors: by Runge-Kutta steps on the host, one for each step of the run.
+without errors, and in each member by itself where that is an ensemble: by Runge-Kutta steps on the host, one for each step of the run.
 """
 
 from dataclasses import dataclass, field
@@ -22,6 +22,7 @@ class Marker:
     lat: float
     begin: float  # [s after the run's start]
     scenario: int
+    member: int | None = None  # of an ensemble in which it drifts; None: in the mean of all
     _time: list[float] = field(default_factory=list)
     _place: list[Array] = field(default_factory=list)  # lon without jumps, lat [rad]
 
@@ -59,10 +60,15 @@ class Marker:
     def _rate(self, forcing: Forcing, place: Array, share: float) -> Array:
         """Return the change of lon and lat [rad/s] in the current; 0 where there is no forcing: there it stays."""
         tiles = forcing.ranges[self.scenario]["current"]
-        at = (sphere.to_binary(np.degrees([angle])) for angle in place)
-        east, north, valid = forcing.tiles.at(*tiles, *at, float(share))[0]
-        rate = np.array([east / np.cos(place[1]), north], np.float64) / sphere.RADIUS
-        return rate if valid > 0.5 else np.zeros(2)
+        several = forcing.members(self.scenario, "current") if self.member is None else 1
+        every = np.arange(several, dtype=np.int32) + (self.member or 0)
+        at = (sphere.to_binary(np.degrees(np.full(every.size, angle))) for angle in place)
+        told = forcing.tiles.at(*tiles, *at, float(share), every)
+        known = told[told[:, 2] > 0.5, :2]
+        if not known.size:
+            return np.zeros(2)
+        east, north = known.mean(axis=0)
+        return np.array([east / np.cos(place[1]), north], np.float64) / sphere.RADIUS
 
 
 @dataclass(frozen=True)

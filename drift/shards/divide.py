@@ -15,7 +15,8 @@ from drift import start
 from drift.case.record import Case
 from drift.environment import lost
 from drift.environment.environment import Environment
-from drift.motion import models, prior
+from drift.motion import prior
+from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.step_size import TRIAL_SIZE
 from drift.particles import ensemble as record
 from drift.particles.ensemble import Ensemble, Layout
@@ -90,11 +91,11 @@ def prepare(case: Case, where: Environment, many: int) -> Divided:
 
     Raises UserError as drift.start.prepare does.
     """
-    spec = start.ensemble_spec(case)
+    spec = start.spec_of(case, where)
     coast = device_coast.upload(where.coast) if where.coast else None
     whole = prior.layout(spec)
     layouts = tuple(whole.shards(many))
-    stage = start.staged(case, where, coast, _sample(case, coast, whole), ())
+    stage = start.staged(case, where, coast, _sample(spec, coast, whole), ())
     with start.closed_on_failure(stage):
         tried, lacks = np.zeros((len(case.scenarios), 2), np.int64), []
         for layout in layouts:
@@ -106,15 +107,15 @@ def prepare(case: Case, where: Environment, many: int) -> Divided:
     return Divided(Stage(**vars(stage) | {"dry": dry}), coast, layouts)
 
 
-def _sample(case: Case, coast: DeviceCoast | None, whole: Layout) -> Ensemble:
+def _sample(spec: EnsembleSpec, coast: DeviceCoast | None, whole: Layout) -> Ensemble:
     """Return the particles by which the step of a run is chosen, evenly spread over it."""
-    spec, n = start.ensemble_spec(case), whole.bounds[-1]
+    n = whole.bounds[-1]
     chosen = np.unique(np.linspace(0, n - 1, min(TRIAL_SIZE, n)).astype(np.int64))
     parts = []
     for layout, slots in _around(whole, chosen):
         drawn = prior.draw(spec, coast, layout).ensemble
         parts.append(record.sample(drawn, slots))
-    return record.joined(parts, models.columns(spec.scenarios))
+    return record.joined(parts)
 
 
 def _around(whole: Layout, chosen: np.ndarray) -> Iterator[tuple[Layout, np.ndarray]]:

@@ -28,7 +28,7 @@ class Unit:
         case = self.case
         if tell:
             tell(0.0)
-        ensemble = prior.draw(start.ensemble_spec(case), scene.place.coast, self.layout).ensemble
+        ensemble = prior.draw(start.spec_of(case, where), scene.place.coast, self.layout).ensemble
         with contextlib.closing(Forcing(list(where.scenarios), case.direction)) as forcing:
             outputs = case.period.seconds(case.outputs)
             own = replace(scene, forcing=forcing)

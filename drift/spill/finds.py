@@ -160,14 +160,17 @@ class _Evidence:
     prior: Real  # (W,) log weights of the worlds before any find, normalised
 
 
-def posterior(fates: Fates, known: Known, latent: Real, log_weight: Real) -> Posterior:
+def posterior(
+    fates: Fates, known: Known, latent: Real, log_weight: Real, member: npt.NDArray[np.int32] | None = None
+) -> Posterior:
     """Return what finds and patrols say about every world.
 
-    latent: (W, k) unknowns of the worlds, any scale. log_weight: (W,) of the worlds before any find.
+    latent: (W, k) unknowns of the worlds, any scale. log_weight: (W,) of the worlds before any find. member: (W,) of an
+    ensemble of winds and currents; None: there is none.
     Raises UserError when there are more finds than objects.
     """
     exposed = exposure.expose(fates, known.reporting, known.patrols)
-    evidence = _evidence(known, exposed, latent, log_weight)
+    evidence = _evidence(known, exposed, latent, log_weight, member)
     if not known.finds and not known.patrols:
         return _weigh(known, exposed, evidence, (), np.zeros(fates.world.size))
     ours = tuple(k for k, find in enumerate(known.finds) if find.false < 1)
@@ -213,13 +216,15 @@ def tempered(log_likelihood: Real, least: float, log_weight: Real | float = 0.0)
     return float(10**low)
 
 
-def surprises(fates: Fates, known: Known, latent: Real, log_weight: Real) -> tuple[Surprise, ...]:
+def surprises(
+    fates: Fates, known: Known, latent: Real, log_weight: Real, member: npt.NDArray[np.int32] | None = None
+) -> tuple[Surprise, ...]:
     """Return for every find, in order of time, how probable its place was before it.
 
     What is given then are the finds and patrols before it.
     """
     exposed = exposure.expose(fates, known.reporting, known.patrols)
-    evidence = _evidence(known, exposed, latent, log_weight)
+    evidence = _evidence(known, exposed, latent, log_weight, member)
     surprises_in_order: list[Surprise] = []
     before: tuple[int, ...] = ()
     for number in sorted(range(len(known.finds)), key=lambda k: known.finds[k].time):
@@ -259,10 +264,12 @@ def _total(fates: Fates, slot: npt.NDArray[Any], value: Real) -> float:
     return _blocks(fates).total(value, slot)
 
 
-def _evidence(known: Known, exposed: Exposure, latent: Real, log_weight: Real) -> _Evidence:
+def _evidence(
+    known: Known, exposed: Exposure, latent: Real, log_weight: Real, member: npt.NDArray[np.int32] | None = None
+) -> _Evidence:
     fates, numbers = exposed.fates, known.numbers
     classes = numbers.shares.size
-    n, alike = _per_class(fates, classes), shrinkage.likeness(latent)
+    n, alike = _per_class(fates, classes), shrinkage.likeness(latent, member)
     prior = _prior(fates, log_weight)
     usually = known.usual if known.usual is not None else _usual(known, exposed, prior)
     density = np.full((len(known.finds), classes, fates.worlds), -np.inf)

@@ -12,11 +12,10 @@ from drift.motion.forcing_error import Errors
 from drift.motion.leeway import AIR_IN_WATER
 from drift.motion.period import Period
 from drift.particles import ensemble as record
-from drift.particles import partials
-from drift.particles.ensemble import Ensemble, Layout
+from drift.particles import members, partials
+from drift.particles.ensemble import Column, Ensemble, Layout
 from drift.spill.records import FEWEST_PARTICLES, Spill
 from drift.spill.worlds import Worlds
-from geo.array import Real
 from geo.errors import UserError
 from kernels import noise, runtime
 from kernels import prior as kernel
@@ -43,7 +42,7 @@ def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: De
     counts = per_world(spill)
     bounds = tuple(int(n) for n in np.concatenate([[0], np.cumsum(counts) * worlds.size]))
     block = tuple(partials.WORLDS * count for count in counts)
-    ensemble, key = record.empty(seed, Layout(bounds, bounds[:-1], block), drift.COLUMNS), noise.key(seed)
+    ensemble, key = record.empty(seed, Layout(bounds, bounds[:-1], block), columns(worlds)), noise.key(seed)
     where = [runtime.upload(x.astype(np.int32)) for x in (worlds.lon, worlds.lat, worlds.release - period.epoch)]
     factor = runtime.upload(worlds.windage.astype(np.float32))
     log_weight = np.empty(ensemble.n, np.float32)
@@ -72,13 +71,20 @@ def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: De
         drift.draw_errors(ensemble, slots, key, errors.unbiased())
         with np.errstate(divide="ignore"):
             log_weight[slots.first : slots.last] = np.log(kind.share) - np.log(count * worlds.size)
-    share(ensemble, worlds.current_east, worlds.current_north)
+    share(ensemble, worlds)
     ensemble.log_weight.from_numpy(log_weight)
     return ensemble
 
 
-def share(ensemble: Ensemble, east: Real, north: Real) -> None:
-    """Give every particle the error of the current that its world has drawn [m/s], shape (worlds,)."""
+def columns(worlds: Worlds) -> tuple[Column, ...]:
+    """Return the columns that the particles of worlds have besides the core."""
+    return drift.COLUMNS if worlds.member is None else (*drift.COLUMNS, members.COLUMN)
+
+
+def share(ensemble: Ensemble, worlds: Worlds) -> None:
+    """Give every particle what its world has: the error of the current [m/s], and its member of an ensemble."""
     world = ensemble.world.to_numpy()
-    ensemble.own["current_bias_east"].from_numpy(east.astype(np.float32)[world])
-    ensemble.own["current_bias_north"].from_numpy(north.astype(np.float32)[world])
+    ensemble.own["current_bias_east"].from_numpy(worlds.current_east.astype(np.float32)[world])
+    ensemble.own["current_bias_north"].from_numpy(worlds.current_north.astype(np.float32)[world])
+    if worlds.member is not None:
+        ensemble.own[members.COLUMN.name].from_numpy(worlds.member[world])

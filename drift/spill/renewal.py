@@ -94,7 +94,7 @@ def settle(
         fates = _fates(spill, drifted, segments)
         usual = finds.usual(fates, known, drawn.log_weight) if usual is None else usual
         known = replace(known, usual=usual)
-        posterior = finds.posterior(fates, known, drawn.latent, drawn.log_weight)
+        posterior = finds.posterior(fates, known, drawn.latent, drawn.log_weight, drawn.member)
         rounds[-1] = posterior.effective
         if posterior.effective >= FEWEST or len(rounds) > spill.redraws or not (known.finds or known.patrols):
             break
@@ -116,7 +116,7 @@ def settle(
         drawn,
         first.worlds,
         posterior,
-        finds.surprises(fates, known, drawn.latent, drawn.log_weight),
+        finds.surprises(fates, known, drawn.latent, drawn.log_weight, drawn.member),
         _washup(period, spill, segments, fates, posterior, drifted),
         tuple(rounds),
     )

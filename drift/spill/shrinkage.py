@@ -21,6 +21,8 @@ from geo.array import Real
 
 NEIGHBOURS = 24  # nearest worlds that correct the quadratic
 STEPS = 40  # most steps of Newton's method
+FAR = 1e3  # standard deviations: from one member of an ensemble to the next, so that neighbours are of one member
+SUREST = 1e9  # zeros and ones that a particle's chance says as much as, at most
 RIDGE = 1.0  # inverse variance of a coefficient of the standardised latents
 LEAST = 0.5  # particles, in all worlds together, that count as seen where none was
 STEEPEST = 30.0  # largest log of a mean or of odds
@@ -33,14 +35,25 @@ class Likeness:
     """How worlds are alike.
 
     It holds terms (W, p) of a quadratic in their latents, and the nearest others of each (W, k).
+    same: which of these are of the world's own member of an ensemble of winds and currents; None: there is none.
     """
 
     terms: Real
     near: npt.NDArray[np.int64]
+    same: npt.NDArray[np.bool_] | None = None
+
+    def nearby(self, values: Real) -> Real:
+        """Return the sums of values (W,) over the nearest other worlds that are alike, (W,)."""
+        others = values[self.near]
+        return np.asarray(others.sum(1) if self.same is None else np.where(self.same, others, 0.0).sum(1))
 
 
-def likeness(latent: Real) -> Likeness:
-    """Return how worlds of these latents (W, k) are alike. The quadratic has fewer terms where worlds are few."""
+def likeness(latent: Real, member: npt.NDArray[np.int32] | None = None) -> Likeness:
+    """Return how worlds of these latents (W, k) are alike. The quadratic has fewer terms where worlds are few.
+
+    member: of an ensemble of winds and currents (W,), each of which has a mean of its own, and slopes where worlds are
+    enough; only worlds of one member correct each other.
+    """
     worlds = len(latent)
     spread = latent.std(0)
     z = (latent - latent.mean(0))[:, spread > 1e-9] / spread[spread > 1e-9]
@@ -52,8 +65,19 @@ def likeness(latent: Real) -> Likeness:
     elif 10 * k <= worlds // 2:
         terms.append(z**2)
     count = min(NEIGHBOURS, worlds // 20) if k else 0
+    same = None
+    if member is not None:
+        own = (member[:, None] == np.unique(member)).astype(float)
+        own = (own - own.mean(0)) / np.maximum(own.std(0), 1e-9)
+        terms.append(own)
+        if own.shape[1] * k <= worlds // 10:
+            terms.append((own[:, :, None] * z[:, None]).reshape(worlds, -1))
+        z = np.column_stack([z, FAR * member])
+        count = min(count, worlds // (2 * own.shape[1]))
     near = spatial.cKDTree(z).query(z, range(2, count + 2))[1] if count else np.zeros((worlds, 0), np.int64)
-    return Likeness(np.concatenate(terms, axis=1), near)
+    if member is not None:
+        same = member[near] == member[:, None]
+    return Likeness(np.concatenate(terms, axis=1), near, same)
 
 
 def rates(total: Real, squares: Real, n: int, alike: Likeness, full: float = 1.0) -> Real:
@@ -71,7 +95,7 @@ def rates(total: Real, squares: Real, n: int, alike: Likeness, full: float = 1.0
         mean = np.full(worlds, LEAST / worlds)
     else:
         mean = _fit(alike.terms, count, POISSON, float(np.log(count.mean())))
-    mean = mean * _nearby(count, mean, alike.near)
+    mean = mean * _nearby(count, mean, alike)
     best, shape, rate = -np.inf, mean, np.ones(worlds)
     for c in EXCESS:
         for a in SQUARED:
@@ -83,11 +107,11 @@ def rates(total: Real, squares: Real, n: int, alike: Likeness, full: float = 1.0
     return np.asarray((shape + count) / (rate + 1) * (unit / n))
 
 
-def _nearby(count: Real, mean: Real, near: npt.NDArray[np.int64]) -> Real:
+def _nearby(count: Real, mean: Real, alike: Likeness) -> Real:
     """Return factors (W,) by which the counts of the nearest other worlds correct means: gamma-Poisson, mean 1."""
-    if not near.shape[1]:
+    if not alike.near.shape[1]:
         return np.ones_like(mean)
-    seen, meant = count[near].sum(1), mean[near].sum(1)
+    seen, meant = alike.nearby(count), np.maximum(alike.nearby(mean), 1e-300)
     shape = np.array([1 / v for v in SQUARED])[:, None]
     score = special.gammaln(seen + shape) - special.gammaln(shape) - seen * np.log1p(shape / meant)
     score -= shape * np.log1p(meant / shape)
@@ -103,11 +127,12 @@ def share(mean: Real, variance: Real, n: int, alike: Likeness) -> Real:
     if not mean.any():
         return mean
     sure = mean * (1 - mean)
-    size = n * max(sure.sum() / max(variance.sum(), 1e-300), 1.0)  # a sample of so many zeros and ones says as much
+    ratio = sure.sum() / max(variance.sum(), 1e-300)  # without bound where the particles of each world have one chance
+    size = n * float(np.clip(ratio, 1.0, SUREST))  # a sample of so many zeros and ones says as much
     middle = float(np.clip(mean.mean(), 1e-12, 1 - 1e-12))
     prior = _fit(alike.terms, mean, BINOMIAL, float(special.logit(middle)), size)
     if alike.near.shape[1]:
-        rest = (mean - prior)[alike.near].mean(1)
+        rest = alike.nearby(mean - prior) / alike.near.shape[1]
         chance = (prior * (1 - prior)).mean() / (size * alike.near.shape[1])
         prior = np.clip(prior + max(1 - chance / max((rest**2).mean(), 1e-300), 0.0) * rest, 1e-12, 1 - 1e-12)
     excess = ((mean - prior) ** 2).sum() / max((prior * (1 - prior)).sum(), 1e-300)

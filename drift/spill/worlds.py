@@ -10,13 +10,15 @@ doi:10.1198/106186004X12803). Works on NumPy float64; nothing here touches the d
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 from scipy import special
 
+from drift.particles import members as dealt
+from drift.particles import partials
 from drift.spill import releases
 from drift.spill.records import Spill
 from geo import sphere
@@ -46,6 +48,8 @@ class Worlds:
     current_north: Real
     sinking: Real  # [s] half-life or median time of waterlogging, by class; inf: never
     reporting: Real  # factor on all reporting rates
+    member: npt.NDArray[np.int32] | None = None  # of an ensemble of winds and currents, ascending; None: there is none
+    members: int = 0  # of that ensemble
 
     @property
     def size(self) -> int:
@@ -60,15 +64,21 @@ class Proposal:
     centre: Real  # (m, k)
     share: Real  # (m,) sum 1
     covariance: Real  # (k, k) of each normal
+    member: npt.NDArray[np.int32] | None = None  # (m,) member of the ensemble of each normal; None: there is none
+    members: int = 0  # of the ensemble
 
-    def draw(self, rng: np.random.Generator, count: int) -> Real:
-        """Return latents, shape (count, k)."""
+    def draw(self, rng: np.random.Generator, count: int) -> tuple[Real, npt.NDArray[np.int32] | None]:
+        """Return latents, shape (count, k), and members of the ensemble (count,), where there is one."""
         chosen = rng.choice(self.share.size, count, p=self.share)
         near = self.centre[chosen] + rng.multivariate_normal(np.zeros(self.centre.shape[1]), self.covariance, count)
-        return np.where(rng.random(count)[:, None] < DEFENSIVE, rng.standard_normal(near.shape), near)
+        defends = rng.random(count) < DEFENSIVE
+        latent = np.where(defends[:, None], rng.standard_normal(near.shape), near)
+        if self.member is None:
+            return latent, None
+        return latent, np.where(defends, rng.integers(self.members, size=count), self.member[chosen]).astype(np.int32)
 
-    def log_density(self, latent: Real) -> Real:
-        """Return the logarithm of the density at latents (n, k).
+    def log_density(self, latent: Real, member: npt.NDArray[np.int32] | None = None) -> Real:
+        """Return the logarithm of the density at latents (n, k), and at members (n,) where there are any.
 
         A constant is left out, the same one as in `_log_prior`.
         """
@@ -76,8 +86,12 @@ class Proposal:
         scaled = np.linalg.solve(factor, latent.T).T
         centres = np.linalg.solve(factor, self.centre.T).T
         square = (scaled**2).sum(1)[:, None] + (centres**2).sum(1)[None] - 2 * scaled @ centres.T
-        mixture = special.logsumexp(-0.5 * square, axis=1, b=self.share) - np.log(np.diag(factor)).sum()
-        return np.asarray(np.logaddexp(math.log(1 - DEFENSIVE) + mixture, math.log(DEFENSIVE) + _log_prior(latent)))
+        share = (
+            self.share if self.member is None else np.where(self.member == np.asarray(member)[:, None], self.share, 0)
+        )
+        mixture = special.logsumexp(-0.5 * square, axis=1, b=share) - np.log(np.diag(factor)).sum()
+        prior = _log_prior(latent, self.members)
+        return np.asarray(np.logaddexp(math.log(1 - DEFENSIVE) + mixture, math.log(DEFENSIVE) + prior))
 
 
 def around(worlds: Worlds, weight: Real) -> Proposal:
@@ -94,30 +108,48 @@ def around(worlds: Worlds, weight: Real) -> Proposal:
     covariance = width**2 * (spread + 1e-4 * np.eye(k))
     # The centres are drawn in, so that the mixture is as wide as they were (West 1993).
     shrink = math.sqrt(1 - min(width, 0.95) ** 2)
-    return Proposal(mean + shrink * (centre - mean), share, covariance)
+    member = None if worlds.member is None else worlds.member[kept]
+    return Proposal(mean + shrink * (centre - mean), share, covariance, member, worlds.members)
 
 
-def _log_prior(latent: Real) -> Real:
-    return np.asarray(-0.5 * (latent**2).sum(1))
+def _log_prior(latent: Real, members: int = 0) -> Real:
+    return np.asarray(-0.5 * (latent**2).sum(1) - (math.log(members) if members else 0.0))
 
 
 def draw(
-    spill: Spill, seed: int, is_land: IsLand, proposal: Proposal | None = None, count: int | None = None
+    spill: Spill,
+    seed: int,
+    is_land: IsLand,
+    proposal: Proposal | None = None,
+    count: int | None = None,
+    members: int = 0,
 ) -> Worlds:
     """Return worlds from the prior, or from a proposal and weighted for it.
 
-    is_land: int32 binary angles (lon, lat) -> bool. Raises UserError when next to no release lies in water.
+    is_land: int32 binary angles (lon, lat) -> bool. members: of an ensemble of winds and currents, which worlds from the
+    prior are dealt. Raises UserError when next to no release lies in water, or there are fewer worlds than members.
     """
     rng = noise.generator(seed, Purpose.WORLDS)
     model = _Model(spill)
     wanted = count or spill.worlds
+    if wanted < members:
+        raise UserError(
+            f"[spill] worlds: {wanted} are too few for {members} members of the winds or currents; give more"
+        )
     kept: list[Real] = []
+    kept_member: list[npt.NDArray[np.int32]] = []
     have = 0
     for _ in range(TRIES):
-        latent = rng.standard_normal((wanted, len(model.names))) if proposal is None else proposal.draw(rng, wanted)
+        member = None
+        if proposal is None:
+            latent = rng.standard_normal((wanted, len(model.names)))
+        else:
+            latent, member = proposal.draw(rng, wanted)
         lon, lat, possible = model.place(latent)
         possible &= ~is_land(lon, lat)
         kept.append(latent[possible])
+        if member is not None:
+            kept_member.append(member[possible])
         have += int(possible.sum())
         if have >= wanted:
             break
@@ -127,8 +159,20 @@ def draw(
             "water; move or widen it, or check [coast] source"
         )
     latent = np.concatenate(kept)[:wanted]
-    log_weight = np.zeros(wanted) if proposal is None else _log_prior(latent) - proposal.log_density(latent)
-    return model.worlds(latent, log_weight)
+    if proposal is None:
+        if not members:
+            return model.worlds(latent, np.zeros(wanted))
+        member = dealt.deal(wanted, members, partials.WORLDS)
+        return replace(
+            model.worlds(latent, dealt.even(member, members) + math.log(wanted)), member=member, members=members
+        )
+    if not kept_member:
+        return model.worlds(latent, _log_prior(latent) - proposal.log_density(latent))
+    member = np.concatenate(kept_member)[:wanted]
+    order = np.argsort(member, kind="stable")  # worlds of a member follow each other
+    latent, member = latent[order], member[order]
+    log_weight = _log_prior(latent, proposal.members) - proposal.log_density(latent, member)
+    return replace(model.worlds(latent, log_weight), member=member, members=proposal.members)
 
 
 class _Model:

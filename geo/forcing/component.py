@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from geo import notation
 from geo.errors import UserError
-from geo.forcing import clock, level, quantities, speed
+from geo.forcing import clock, level, members, quantities, speed
 from geo.forcing.kept import Kept
 from geo.grids import locate, naming, ugrid
 from geo.grids.layout import Layout
@@ -33,6 +33,7 @@ class Wanted:
     units: str | None  # units that the case states
     depth: float | None  # [m]
     needs_times: bool  # the file's times must be understood
+    members: bool | str = False  # a dimension along which members of an ensemble lie may be there; or its name
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ class Component:
     fills: tuple[float, ...] = ()  # values in the file's own units that mean missing, though it does not say so
     vouched: bool = False  # the case vouches for its values: none is taken as missing for being large
     kept: Kept | None = None  # slices that stay in memory
+    member: str | None = None  # dimension along which members of an ensemble lie; `fixed` says which of them this is
     notes: tuple[str, ...] = field(default=())
 
 
@@ -75,7 +77,7 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
     time_dim = str(data[time_name].dims[0]) if time_name and data[time_name].ndim == 1 else None
     if time_dim is None:
         time_dim = next((str(d) for d in data[name].dims if str(d).lower() in {n.lower() for n in clock.NAMES}), None)
-    dims, fixed = _sort_dims(wanted, files[0], time_dim, notes)
+    dims, fixed, member = _sort_dims(wanted, files[0], time_dim, notes)
     layout, remarks = locate.locate(data, name, dims, chosen, wanted.side)
     notes += remarks
     for file in files:
@@ -102,7 +104,8 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
         times, slices = _in_order(np.concatenate(stamps), slices, quantity)
     return Component(
         name, dims, fixed, tuple(slices), times, _factor(wanted, files[0], notes), quantity,
-        layout, _mask(data, dims, chosen, notes), chosen.get("mask") in ("none", False), notes=tuple(notes),
+        layout, _mask(data, dims, chosen, notes), chosen.get("mask") in ("none", False), member=member,
+        notes=tuple(notes),
     )  # fmt: skip
 
 
@@ -173,8 +176,8 @@ def _no_time(path: str, quantity: str, count: int, why: str) -> str:
 
 def _sort_dims(
     wanted: Wanted, file: File, time_dim: str | None, notes: list[str]
-) -> tuple[tuple[str, ...], dict[str, int]]:
-    """Return a variable's horizontal dimensions, and one index along each other but that of time.
+) -> tuple[tuple[str, ...], dict[str, int], str | None]:
+    """Return a variable's horizontal dimensions, one index along each other but that of time, and the one of members.
 
     notes: remarks on it are appended to this list.
     """
@@ -201,11 +204,16 @@ def _sort_dims(
         if len(rest) > horizontal and data.sizes[dim] == 1 and not _has_axis(data, dim) and dim != single:
             fixed[dim] = 0
     rest = [d for d in rest if d not in fixed]
+    member = members.along(data, rest, wanted.members) if len(rest) > horizontal else None
+    if member is not None:
+        fixed[member] = 0
+        rest.remove(member)
     if len(rest) > horizontal:
         extra = [d for d in rest if d != single] if single else rest[:-horizontal]
         raise UserError(
             f"{path}: {describe_dims(data, name)} has more than one {' and '.join(extra)}; "
             f"set [[{quantity}]] variables.{extra[0]} to an index"
+            + (", or members = true to drift in each" if members.named(data, extra[0]) else "")
         )
     if len(rest) < horizontal:
         raise UserError(
@@ -214,7 +222,7 @@ def _sort_dims(
         )
     if horizontal == 2 and _lat_last(data, rest):
         rest = rest[::-1]
-    return tuple(rest), fixed
+    return tuple(rest), fixed, member
 
 
 def _beside(wanted: Wanted, file: File) -> list[str]:

@@ -1,8 +1,10 @@
 """From files to a grid, times and a function that reads one slice: the work of `open_source`."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,7 @@ from geo.array import Array
 from geo.box import Box
 from geo.errors import UserError
 from geo.files import dataset
-from geo.forcing import clock, component, memory, quantities, slices, survey, tile
+from geo.forcing import clock, component, ensemble, members, memory, quantities, slices, survey, tile
 from geo.forcing.component import Component
 from geo.forcing.kept import Kept
 from geo.forcing.quantity import QUANTITIES
@@ -36,6 +38,10 @@ class Reading:
     notes: tuple[str, ...]
     fingerprint: str
     domain: NDArray[np.bool_] | None
+    others: tuple[
+        tuple[str, Callable[[int], Values]], ...
+    ] = ()  # of an ensemble: what each member but the first is called, and its slices
+    label: str = ""  # what the first is called
 
 
 @dataclass(frozen=True)
@@ -53,6 +59,8 @@ class Request:
     lenient: bool  # a single slice is accepted, which is enough to describe a file, but not for a run
     plausible: bool  # the user vouches for speeds that no such quantity has
     timeout: float  # [s] time-out of an address
+    members: bool | str = False  # the files are members of an ensemble; or the dimension along which members lie
+    entries: tuple[tuple[str, ...], ...] = ()  # the files of each member, where no dimension holds members
 
 
 @dataclass(frozen=True)
@@ -68,6 +76,8 @@ class Opened:
     count: int  # slices
     whole: survey.Survey
     notes: tuple[str, ...]
+    label: str = ""  # what it is called as a member of an ensemble
+    others: tuple["Opened", ...] = ()  # the other members of the ensemble of which this is the first
 
 
 def read(request: Request, paths: dataset.Paths | memory.Held) -> Reading:
@@ -76,18 +86,124 @@ def read(request: Request, paths: dataset.Paths | memory.Held) -> Reading:
     reading = cut(opened, request.box)
     q, pair = request.quantity, opened.pair
     asked = f"{request.variables} {request.units} {request.times} {request.steady} {request.depth} {request.box}"
+    asked += f" members {request.members}" if request.members else ""
     time = opened.components[0].segments[0][2]
     digest = _digest(request, paths, opened.files, pair, time, f"{q} {pair.east} {pair.north} {asked}")
     return replace(reading, fingerprint=digest)
 
 
 def open_all(request: Request, paths: dataset.Paths | memory.Held) -> Opened:
-    """Open files, or take a dataset in memory, find the quantity and survey it as a whole."""
-    q = request.quantity
+    """Open files, or take a dataset in memory, find the quantity and survey it as a whole; so too of each member."""
+    files = _files(request, paths)
+    if not request.members:
+        return _open(request, paths, files)
+    dim = request.members if isinstance(request.members, str) else None
+    if dim is not None and not any(dim in data.dims for _, data in files):
+        raise UserError(_no_members(request, files))
+    if dim is not None or any(members.lie_in(data) for _, data in files):
+        return _along(_open(request, paths, files))
+    return _entries(request, paths, files)
+
+
+def _files(request: Request, paths: dataset.Paths | memory.Held) -> list[tuple[str, xr.Dataset]]:
     if isinstance(paths, memory.Held):
-        files = [(paths.title, memory.as_stored(paths))]
-    else:
-        files = [(path, dataset.open_one(path, q, request.timeout)) for path in dataset.expand(paths, q)]
+        return [(paths.title, memory.as_stored(paths))]
+    q = request.quantity
+    return [(path, dataset.open_one(path, q, request.timeout)) for path in dataset.expand(paths, q)]
+
+
+def _along(opened: Opened) -> Opened:
+    """Return a source as the members that lie along a dimension of it, this one first."""
+    request, pair = opened.request, opened.components
+    ensemble.check_sizes(request.name, request.quantity, pair)
+    dim = pair[0].member
+    if dim is None:
+        raise UserError(_no_members(request, opened.files))
+    called = members.labels(pair[0].segments[0][0], dim)
+    every = [
+        (replace(pair[0], fixed={**pair[0].fixed, dim: k}), replace(pair[1], fixed={**pair[1].fixed, dim: k}))
+        for k in range(len(called))
+    ]
+    for number, own in enumerate(every):
+        with _of_member(number, called, f"{dim} = ", request.name):
+            for component_ in own:
+                ensemble.check_held(component_)
+    others = tuple(
+        replace(opened, components=own, label=label) for own, label in zip(every[1:], called[1:], strict=True)
+    )
+    told = f"{len(called)} members of an ensemble along {dim}: {members.some(called)}"
+    return replace(opened, label=called[0], others=others, notes=(*opened.notes, told))
+
+
+def _entries(request: Request, paths: dataset.Paths | memory.Held, files: list[tuple[str, xr.Dataset]]) -> Opened:
+    """Return a source of which each entry of its files is a member."""
+    if len(request.entries) < 2:
+        raise UserError(_no_members(request, files))
+    called = _called(request.entries)
+    every: list[Opened] = []
+    held = dict(files)
+    for number, entry in enumerate(request.entries):
+        with _of_member(number, called), dataset.readable(entry, request.quantity):
+            own = [
+                (path, held[path] if path in held else dataset.open_one(path, request.quantity, request.timeout))
+                for path in dataset.expand(entry, request.quantity)
+            ]
+            opened = _open(replace(request, name=dataset.title(entry), members=False), entry, own)
+            for component_ in opened.components:
+                ensemble.check_held(component_)
+            if every:
+                ensemble.check_grid(opened.components, every[0].components, request.quantity)
+        every.append(opened)
+    times, chosen = ensemble.common([opened.times for opened in every], request.name, request.quantity)
+    every = [_only(opened, times, own, label) for opened, own, label in zip(every, chosen, called, strict=True)]
+    first, notes = every[0], list(every[0].notes)
+    if first.count < max(own.max() + 1 for own in chosen):
+        notes.append(f"{first.count} times that all members have")
+    notes.append(f"{len(called)} members of an ensemble, by file: {members.some(called)}")
+    return replace(first, request=request, paths=paths, files=files, others=tuple(every[1:]), notes=tuple(notes))
+
+
+@contextmanager
+def _of_member(number: int, called: Sequence[str], by: str = "", name: str = "") -> Iterator[None]:
+    """Say in a refusal which member it is about."""
+    try:
+        yield
+    except UserError as error:
+        place = f"member {number + 1} of {len(called)} ({by}{called[number]})"
+        raise UserError(f"{name}: {place} {error}" if name else f"{place}: {error}") from error
+
+
+def _only(opened: Opened, times: clock.Times, chosen: Array, label: str) -> Opened:
+    """Return a member at some of its times alone; chosen: their slices."""
+    first, second = (replace(c, segments=tuple(c.segments[k] for k in chosen)) for c in opened.components)
+    place = {int(old): new for new, old in enumerate(chosen)}
+    whole = replace(opened.whole, looked_at=tuple(place[k] for k in opened.whole.looked_at if k in place) or (0,))
+    return replace(opened, components=(first, second), times=times, count=len(chosen), whole=whole, label=label)
+
+
+def _called(entries: tuple[tuple[str, ...], ...]) -> list[str]:
+    """Return what members of files are called: by name, or by folder where names are the same, or by number."""
+    firsts = [entry[0].rstrip("/") for entry in entries]
+    names = [os.path.splitext(os.path.basename(path))[0] for path in firsts]
+    folders = [os.path.basename(os.path.dirname(path)) for path in firsts]
+    for called in (names, folders):
+        if len(set(called)) == len(entries):
+            return called
+    return [str(number) for number in range(1, len(entries) + 1)]
+
+
+def _no_members(request: Request, files: list[tuple[str, xr.Dataset]]) -> str:
+    dims = sorted({f"{dim} = {size}" for _, data in files for dim, size in data.sizes.items()})
+    asked = f'"{request.members}"' if isinstance(request.members, str) else f"one of the names {members.NAMES}"
+    return (
+        f"{request.name}: [[{request.quantity}]] members = {str(request.members).lower()}, and there are no members: no "
+        f"dimension of both components has {asked} (it has {', '.join(dims)[:300]}), nor are there several files; name a "
+        'file for each member, or the dimension: members = "..."'
+    )
+
+
+def _open(request: Request, paths: dataset.Paths | memory.Held, files: list[tuple[str, xr.Dataset]]) -> Opened:
+    q = request.quantity
     notes: list[str] = []
     attributes: dict[str, Mapping[str, Any]] = {}
     for _, data in files:
@@ -100,6 +216,12 @@ def open_all(request: Request, paths: dataset.Paths | memory.Held) -> Opened:
     notes.append(f"{QUANTITIES[q].spoken} from {pair.east}, {pair.north} (found by {pair.how})")
     _check_sizes(request, pair, files)
     first, second = _components(request, pair, files, notes)
+    if request.lenient and not request.members and first.member is not None:
+        called = members.labels(first.segments[0][0], first.member)
+        notes.append(
+            f"{len(called)} members of an ensemble along {first.member}: {members.some(called)}; members = true to drift in all of "
+            "them; shown is the first"
+        )
     first, second, times = _join(request, first, second, notes)
     notes += first.notes + tuple(n for n in second.notes if n not in first.notes)
     count = 1 if request.steady else len(first.segments)
@@ -133,13 +255,21 @@ def cut(opened: Opened, box: Box | None) -> Reading:
         opened.notes + whole.notes + regridded.notes + seen.notes,
         "",
         tile.domain(regridded),
+        tuple(
+            (other.label, partial(_slice, replace(regridded, components=other.components))) for other in opened.others
+        ),
+        opened.label,
     )
+
+
+def _slice(held: tile.Tile, i: int) -> Values:
+    return tile.read(held, i)
 
 
 def keep(opened: Opened, box: Box) -> Opened:
     """Return a source whose slices, once read, stay in memory over a box.
 
-    Parts of it that lie inside the box are cut from there.
+    Parts of it that lie inside the box are cut from there. Of an ensemble only the first member's do.
     """
     kept = []
     for component_ in opened.components:
@@ -232,7 +362,14 @@ def _components(
     for side, name in enumerate((pair.east, pair.north)):
         having = [(path, data) for path, data in holding if name in data.variables]
         wanted = component.Wanted(
-            name, side, request.quantity, request.variables, request.units, request.depth, needs_times=not stated
+            name,
+            side,
+            request.quantity,
+            request.variables,
+            request.units,
+            request.depth,
+            needs_times=not stated,
+            members=request.members or request.lenient,
         )
         try:
             result.append(component.gather(wanted, having))

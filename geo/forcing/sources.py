@@ -8,8 +8,8 @@ calendars), a `Source` gives true east and north in m/s on a regular longitude-l
 
 import hashlib
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,9 @@ from geo.box import Box
 from geo.errors import UserError
 from geo.files import address, dataset
 from geo.forcing import analytic as flows
+from geo.forcing import members as called
 from geo.forcing import memory, reader
-from geo.forcing.kept import Shelf
+from geo.forcing.kept import Finished, Shelf
 from geo.forcing.quantity import QUANTITIES
 from geo.grids.grid import Grid
 
@@ -39,6 +40,8 @@ class Source:
     fingerprint: a hash of what is read, independent of where it lies;
     domain: (nlat, nlon) nodes inside the source's own grid, None where all are: beyond it no value is missing for land;
     shelf: where slices that are ready to be sampled stay for other forecasts, None: nowhere.
+    label: what it is called as a member of an ensemble; others: the other members of an ensemble of which this is the
+    first, on the same grid, with the same times.
     """
 
     quantity: str
@@ -51,6 +54,38 @@ class Source:
     fingerprint: str
     domain: NDArray[np.bool_] | None = None
     shelf: Shelf | None = None
+    label: str = ""
+    others: tuple["Source", ...] = ()
+
+    @property
+    def members(self) -> tuple["Source", ...]:
+        """All members of the ensemble, this one first; this one alone where it is no ensemble."""
+        return (self, *self.others)
+
+    def shelved(self, part: Hashable, finished: Finished) -> "Source":
+        """Return it with a shelf for its slices, and one for those of each other member."""
+        others = tuple(
+            replace(other, shelf=Shelf((part, number), finished)) for number, other in enumerate(self.others, 1)
+        )
+        return replace(self, shelf=Shelf(part, finished), others=others)
+
+
+def ensemble(members: Sequence[Source]) -> Source:
+    """Return sources of one quantity, which have a label each, as the members of an ensemble.
+
+    Raises UserError where they do not have the same grid and the same times.
+    """
+    first = members[0]
+    for number, other in enumerate(members[1:], 2):
+        if other.grid != first.grid or not np.array_equal(other.times, first.times):
+            what = "another grid" if other.grid != first.grid else "other times"
+            raise UserError(
+                f"member {number} ({other.label}) has {what} than member 1 ({first.label}): all members of an ensemble "
+                f"must have the same; leave it out of [[{first.quantity}]]"
+            )
+    digest = hashlib.sha256(" ".join(member.fingerprint for member in members).encode()).hexdigest()[:16]
+    told = f"{len(members)} members of an ensemble: {called.some([member.label for member in members])}"
+    return replace(first, fingerprint=digest, notes=(*first.notes, told), others=tuple(members[1:]))
 
 
 def open_source(
@@ -67,6 +102,8 @@ def open_source(
     lenient: bool = False,
     plausible: bool = False,
     timeout: float = address.TIMEOUT,
+    members: bool | str = False,
+    entries: Sequence[Sequence[str]] = (),
 ) -> Source:
     """Open files, or a dataset in memory, as one source.
 
@@ -77,9 +114,13 @@ def open_source(
     slice, where the file's are meaningless. steady: the first slice holds at all times. box: what is needed; two
     nodes more are read. depth: wanted level [m]. lenient: accept a lone slice, to describe it. plausible: the user
     vouches for its values: no speed is refused, no value taken as an undeclared fill value for standing apart.
-    timeout: how long the server of an address may leave a question unanswered [s].
+    timeout: how long the server of an address may leave a question unanswered [s]. members: whether what is opened is
+    an ensemble, or the dimension along which its members lie; entries: the files of each, where no dimension holds them.
     """
-    asked, listed = _request(quantity, paths, variables, units, times, steady, box, depth, lenient, plausible, timeout)
+    asked, listed = _request(
+        quantity, paths, variables, units, times, steady, box, depth, lenient, plausible, timeout, members,
+        tuple(map(tuple, entries)),
+    )  # fmt: skip
     with dataset.readable(_titles(listed), quantity):
         reading = reader.read(asked, listed)
     return _source(asked, name, reading)
@@ -96,9 +137,14 @@ def open_shared(
     depth: float | None = None,
     plausible: bool = False,
     timeout: float = address.TIMEOUT,
+    members: bool | str = False,
+    entries: Sequence[Sequence[str]] = (),
 ) -> reader.Opened:
     """Open files as `open_source` does, for several cases: `keep` and `cut` give each its part."""
-    asked, listed = _request(quantity, paths, variables, units, times, steady, None, depth, False, plausible, timeout)
+    asked, listed = _request(
+        quantity, paths, variables, units, times, steady, None, depth, False, plausible, timeout, members,
+        tuple(map(tuple, entries)),
+    )  # fmt: skip
     with dataset.readable(_titles(listed), quantity):
         return reader.open_all(asked, listed)
 
@@ -132,10 +178,11 @@ def _titles(paths: Any) -> Any:
 
 
 def _source(asked: reader.Request, name: str | None, reading: reader.Reading) -> Source:
-    return Source(
+    first = Source(
         asked.quantity, name or asked.name, reading.grid, reading.times, reading.read, reading.missing, reading.notes,
-        reading.fingerprint, reading.domain,
+        reading.fingerprint, reading.domain, label=reading.label,
     )  # fmt: skip
+    return replace(first, others=tuple(replace(first, read=read, label=label) for label, read in reading.others))
 
 
 def constant(quantity: str, east: float, north: float, name: str = "as reported") -> Source:
@@ -165,12 +212,12 @@ def _uniform(
     def read(i: int) -> NDArray[np.float32]:
         return np.ascontiguousarray(np.broadcast_to(values[i], (2, 2, 2)))
 
-    spoken = " then ".join(_spoken(quantity, *vector) for vector in values[:3].tolist())
+    spoken = " then ".join(as_said(quantity, *vector) for vector in values[:3].tolist())
     rest = f" and {len(values) - 3} more" if len(values) > 3 else ""
     return Source(quantity, name, EVERYWHERE, times, read, 0.0, (f"the same everywhere: {spoken}{rest}",), digest)
 
 
-def _spoken(quantity: str, east: float, north: float) -> str:
+def as_said(quantity: str, east: float, north: float) -> str:
     """Return a vector as mariners say it: winds from, currents toward, knots."""
     toward = np.degrees(np.arctan2(east, north))
     from_ = QUANTITIES[quantity].in_air

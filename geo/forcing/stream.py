@@ -94,7 +94,7 @@ class Slices:
             values = self._request(key).result()
         if self._ready(key + self.ahead) is None:
             self._request(key + self.ahead)
-        for old in [k for k in self._reading if abs(k - key) > 2]:
+        for old in [k for k in self._reading if abs(k - key) > 1]:
             del self._reading[old]
         return values
 

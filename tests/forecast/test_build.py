@@ -414,7 +414,7 @@ class InParts:
             own = slice(edges[a], edges[b])
             columns = (
                 getattr(self.whole, name)
-                for name in ("lon", "lat", "probability", "status", "scenario", "family", "world")
+                for name in ("lon", "lat", "probability", "status", "scenario", "family", "world", "member")
             )
             yield Snapshot(self.whole.time, *(None if c is None else c[own] for c in columns), blocks.some(a, b))
 

@@ -1,5 +1,7 @@
 """Datum markers against closed forms of their way."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -38,3 +40,16 @@ def test_a_marker_goes_by_the_integral_of_a_current_that_turns(step: int) -> Non
     # A binary angle is a centimetre, speeds are float32; the trapezoids of the oracle err by less.
     assert lat[0] == pytest.approx(y[-1], abs=0.02 * metre)
     assert lon[0] == pytest.approx(x, abs=0.02 * metre / np.cos(y[-1]))
+
+
+def test_a_marker_drifts_in_the_mean_of_the_members() -> None:
+    """Three uniform currents: at the equator it goes by their mean."""
+    runtime.start()
+    flow = np.array([[0.5, 0.1], [-0.1, 0.2], [0.2, -0.9]])
+    every = sources.ensemble([replace(sources.constant("current", *own), label=str(k)) for k, own in enumerate(flow)])
+    marker, field = Marker(10.0, 0.0, 0.0, 0), Forcing([Sources({"current": (every,)})], 1)
+    field.set(0, HOUR)
+    marker.drift(field, 0, HOUR)
+    field.close()
+    lon, lat = marker.where(np.array([float(HOUR)]))
+    assert np.array([lon[0] - np.radians(10.0), lat[0]]) * sphere.RADIUS == pytest.approx(flow.mean(0) * HOUR, abs=0.02)

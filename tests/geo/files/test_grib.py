@@ -381,6 +381,12 @@ def test_members_of_an_ensemble_must_be_chosen(tmp_path: Path) -> None:
     assert float(source.read(0)[3, 3, 0]) == pytest.approx(2.2)
     lone = sources.open_source("wind", written(tmp_path / "b.grib", parts[2:4]), steady=True)
     assert any("10u_member2" in note for note in lone.notes)
+    every = sources.open_source("wind", path, steady=True, members=True)
+    assert [member.label for member in every.members] == ["1", "2", "3"]
+    assert [float(member.read(0)[3, 3, 0]) for member in every.members] == pytest.approx([1.2, 2.2, 3.2])
+    entries = [[str(written(tmp_path / f"{k}.grib", parts[2 * k : 2 * k + 2]))] for k in range(3)]
+    apart = sources.open_source("wind", [p for (p,) in entries], steady=True, members=True, entries=entries)
+    assert [float(member.read(0)[3, 3, 1]) for member in apart.members] == pytest.approx([1.3, 2.3, 3.3])
 
 
 def test_two_grids_of_one_wind_are_not_confused(tmp_path: Path) -> None:

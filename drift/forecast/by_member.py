@@ -1,0 +1,87 @@
+"""What is told of the members of an ensemble of winds and currents: which the evidence speaks for, and where each leads."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from drift.output import formats
+from drift.output.chapter import Chapter, Contents, Stamped, bound
+from drift.particles import snapshot
+from drift.particles.snapshot import Output, Snapshot
+from drift.report import leaves
+from geo.array import Array
+
+HEADER = ["member", "name", "prior", "posterior", "lon", "lat", "run_id"]
+
+
+@dataclass(frozen=True)
+class Members:
+    """The members of a run at its end."""
+
+    names: tuple[str, ...]
+    prior: Array  # (members,) sum 1
+    posterior: Array  # (members,) sum 1, by all that was seen
+    place: Array  # (members, 2) mean position [deg] of what is on the map in each, NaN where nothing is
+
+
+def told(names: Sequence[str], end: Output, posterior: Array | None = None) -> Members:
+    """Return what is told of members, which are equally likely beforehand.
+
+    end: the particles at the end. posterior: of each member, (members,); by default what its particles weigh.
+    """
+    many = len(names)
+    place = snapshot.places(snapshot.total(end, lambda part: snapshot.vectors_by(part, _of(part), many)))
+    if posterior is None:
+        posterior = snapshot.total(
+            end, lambda part: part.blocks.partial(part.probability, code=_of(part), many=many)
+        ).total[:, 0]
+    return Members(tuple(names), np.full(many, 1 / many), posterior / posterior.sum(), place)
+
+
+def _of(part: Snapshot) -> Array:
+    """Return the member of each particle."""
+    assert part.member is not None
+    return part.member.astype(np.int64)
+
+
+def csv(members: Members, run: str) -> str:
+    """Return the table of members; run: the run_id for the last column."""
+    columns = zip(members.names, members.prior, members.posterior, members.place, strict=True)
+    rows = [
+        [k, name, f"{prior:.7g}", f"{posterior:.7g}", *("" if np.isnan(x) else f"{x:.5f}" for x in place), run]
+        for k, (name, prior, posterior, place) in enumerate(columns, 1)
+    ]
+    return formats.csv_text(HEADER, rows)
+
+
+def numbers(members: Members) -> dict[str, Any]:
+    """Return the members for the summary."""
+    columns = zip(members.names, members.prior.tolist(), members.posterior.tolist(), strict=True)
+    return {
+        "number": len(members.names),
+        # As many as would count if all that count did so alike; all of them where nothing was seen.
+        "effective": float(1 / (members.posterior**2).sum()),
+        "weights": {name: {"prior": prior, "posterior": posterior} for name, prior, posterior in columns},
+    }
+
+
+FILES: dict[str, Callable[[Members, Stamped], Contents]] = {
+    "members.csv": lambda members, stamped: csv(members, stamped["run_id"]),
+}
+
+
+def chapter(members: Members) -> Chapter:
+    """Return the chapter of members."""
+    return Chapter({"members": numbers(members)}, bound(FILES, members), leaves=(partial(_leaves, members),))
+
+
+def _leaves(members: Members) -> list[Any]:
+    columns = [
+        ("member", "Member", "words"), ("name", "Name", "words"), ("prior", "Before", "share"), ("posterior", "After", "share"),
+        ("lon", "Mean longitude at the end", "words"), ("lat", "Mean latitude", "words"),
+    ]  # fmt: skip
+    note = "Equally likely before anything was seen; after it, by what the particles in each weigh."
+    return [leaves.table("Members of the winds and currents", columns, file="members.csv", note=note)]

@@ -1,0 +1,74 @@
+"""Whether the members of an ensemble go together: each has both components, one grid and times in common."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from geo.array import Array
+from geo.errors import UserError
+from geo.forcing import clock, slices
+from geo.forcing.component import Component
+from geo.grids import layout
+from geo.grids.layout import Layout
+
+LOOKED_AT = 2**16  # values of a member's slice that are looked at, at most
+
+
+def check_sizes(name: str, quantity: str, pair: tuple[Component, Component]) -> None:
+    """Refuse components whose members do not pair: one variable without them, or with more than the other."""
+    told = [f"{c.name} has {_size(c)} along {c.member}" if c.member else f"{c.name} has none" for c in pair]
+    if pair[0].member != pair[1].member or _size(pair[0]) != _size(pair[1]):
+        raise UserError(
+            f"{name}: of the members of the ensemble {' and '.join(told)}; both components must have the same; set "
+            f"[[{quantity}]] files"
+        )
+
+
+def _size(component: Component) -> int:
+    return int(component.segments[0][0].sizes[component.member]) if component.member else 1
+
+
+def check_held(component: Component) -> None:
+    """Refuse a member of which nothing is there, by a look at its first slice and its last."""
+    sizes = [int(component.segments[0][0].sizes[dim]) for dim in component.dims]
+    stride = max(1, int(np.ceil((np.prod(sizes) / LOOKED_AT) ** (1 / len(sizes)))))
+    every = (slice(None, None, stride),) * len(sizes)
+    for i in dict.fromkeys((0, len(component.segments) - 1)):
+        if np.isfinite(slices.block(component, i, every)).any():
+            return
+    mend = f"take it out of [[{component.quantity}]] files"
+    if component.member:
+        mend += f", or set variables.{component.member} to the index of one that has values"
+    raise UserError(f'holds no value of "{component.name}": each member must have both components; {mend}')
+
+
+def check_grid(pair: tuple[Component, Component], first: tuple[Component, Component], quantity: str) -> None:
+    """Refuse a member whose points are not those of the first."""
+    for own, other in zip(pair, first, strict=True):
+        if not _alike(own.layout, other.layout):
+            raise UserError(
+                f'the points of "{own.name}" are not those of the first member: all members of an ensemble must have one '
+                f"grid; take it out of [[{quantity}]] files"
+            )
+
+
+def _alike(own: Layout, other: Layout) -> bool:
+    if type(own) is not type(other):
+        return False
+    pairs = zip(layout.points(own), layout.points(other), strict=True)
+    return all(a.shape == b.shape and np.allclose(a, b, rtol=1e-6, atol=1e-5, equal_nan=True) for a, b in pairs)
+
+
+def common(times: Sequence[clock.Times], name: str, quantity: str) -> tuple[clock.Times, list[Array]]:
+    """Return the times that all members have, and which slices of each they are; of steady fields the one slice."""
+    if not times[0].size:
+        return times[0], [np.zeros(1, int)] * len(times)
+    shared = times[0]
+    for own in times[1:]:
+        shared = np.intersect1d(shared, own)
+    if shared.size < 2:
+        raise UserError(
+            f"{name}: the members of the ensemble have {shared.size} time{'s' * (shared.size != 1)} in common; must have "
+            f"two at least: name files of the same hours in [[{quantity}]] files"
+        )
+    return shared, [np.searchsorted(own, shared) for own in times]
