@@ -44,10 +44,15 @@ trackline = { waypoints = [[-0.3, -0.2], [-0.05, 0.2]], speed = "10 kn", cross_t
 """
 
 
-def case(folder: Path) -> drift.Case:
-    """Return the case, written into a folder."""
+MEMBERS = """members = [{ constant = { speed = "0.4 m/s", toward = 60 } }, { constant = { speed = "0.6 m/s", toward = 70 } },
+ { constant = { speed = "0.7 m/s", toward = 100 } }]"""
+
+
+def case(folder: Path, *, members: bool = False) -> drift.Case:
+    """Return the case, written into a folder; members: with a current of three members, dealt out within blocks."""
     (folder / "land.geojson").write_text(SHORE)
-    (folder / "case.toml").write_text(CASE)
+    text = CASE.replace('constant = { speed = "0.6 m/s", toward = 70 }', MEMBERS) if members else CASE
+    (folder / "case.toml").write_text(text)
     return drift.load(folder / "case.toml")
 
 

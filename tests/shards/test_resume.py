@@ -68,6 +68,17 @@ def test_no_number_of_shards_changes_a_bit(case: drift.Case, made: drift.Result,
     runs.same(drift.run(case, shards=many), made)
 
 
+def test_members_are_dealt_out_alike_to_shards(tmp_path: Path) -> None:
+    case = runs.case(tmp_path, members=True)
+    one, many = drift.run(case), drift.run(case, shards=7)
+    runs.same(one, many)
+    assert one.members is not None
+    assert many.members is not None
+    assert np.array_equal(one.members.posterior, many.members.posterior)
+    assert np.array_equal(one.members.place, many.members.place)
+    assert np.ptp(one.members.place[:, 0]) > 0.01  # and they part
+
+
 def test_no_file_differs(case: drift.Case, whole: Path, tmp_path: Path) -> None:
     drift.run(case, tmp_path / "out", shards=3)
     assert same_files.differences(whole, tmp_path / "out") == []
