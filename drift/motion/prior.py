@@ -124,7 +124,7 @@ def _deal(spec: EnsembleSpec, ensemble: Ensemble, counts: list[int], log_weight:
         if count < many:
             raise UserError(
                 f'scenario "{scenario.name}" gets {count} of the {ensemble.n} particles, which is too few for {many} '
-                "members of the ensemble of winds or currents: it needs one for each; raise particles"
+                "members of the ensemble of winds or currents: it needs one for each; raise particles, or plan.particles of a plan"
             )
         own = slice(first, first + count)
         column[own] = members.deal(count, many)
