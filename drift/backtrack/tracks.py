@@ -101,7 +101,7 @@ def _equip(spec: EnsembleSpec, spill: Spill, worlds: Worlds, groups: list[Group]
         for name in drift.LEEWAY:
             kernel.scale_windage(*slots[:2], ensemble.own[name], ensemble.world, factor)
         drift.draw_errors(ensemble, slots, key, spec.errors.unbiased())
-    release.share(ensemble, worlds)
+    release.belong(ensemble, worlds)
     return ensemble
 
 

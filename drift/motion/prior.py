@@ -146,7 +146,7 @@ def _deal(spec: EnsembleSpec, ensemble: Ensemble, counts: list[int], within: Arr
         if count < many:
             raise UserError(
                 f'scenario "{scenario.name}" gets {count} of the {sum(counts)} particles, which is too few for {many} '
-                "members of the ensemble of winds or currents: it needs one for each; raise particles"
+                "members of the ensemble of winds or currents: it needs one for each; raise particles, or plan.particles of a plan"
             )
         own = first + np.flatnonzero(within[first:last] < count)
         ends = members.ends(count, many)

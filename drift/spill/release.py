@@ -16,6 +16,7 @@ from drift.particles import members, partials
 from drift.particles.ensemble import Column, Ensemble, Layout
 from drift.spill.records import FEWEST_PARTICLES, Spill
 from drift.spill.worlds import Worlds
+from geo.array import Real
 from geo.errors import UserError
 from kernels import noise, runtime
 from kernels import prior as kernel
@@ -71,7 +72,7 @@ def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: De
         drift.draw_errors(ensemble, slots, key, errors.unbiased())
         with np.errstate(divide="ignore"):
             log_weight[slots.first : slots.last] = np.log(kind.share) - np.log(count * worlds.size)
-    share(ensemble, worlds)
+    belong(ensemble, worlds)
     ensemble.log_weight.from_numpy(log_weight)
     return ensemble
 
@@ -81,10 +82,15 @@ def columns(worlds: Worlds) -> tuple[Column, ...]:
     return drift.COLUMNS if worlds.member is None else (*drift.COLUMNS, members.COLUMN)
 
 
-def share(ensemble: Ensemble, worlds: Worlds) -> None:
-    """Give every particle what its world has: the error of the current [m/s], and its member of an ensemble."""
-    world = ensemble.world.to_numpy()
-    ensemble.own["current_bias_east"].from_numpy(worlds.current_east.astype(np.float32)[world])
-    ensemble.own["current_bias_north"].from_numpy(worlds.current_north.astype(np.float32)[world])
+def belong(ensemble: Ensemble, worlds: Worlds) -> None:
+    """Give every particle what its world has: the error of the current, and its member of an ensemble."""
+    share(ensemble, worlds.current_east, worlds.current_north)
     if worlds.member is not None:
-        ensemble.own[members.COLUMN.name].from_numpy(worlds.member[world])
+        ensemble.own[members.COLUMN.name].from_numpy(worlds.member[ensemble.world.to_numpy()])
+
+
+def share(ensemble: Ensemble, east: Real, north: Real) -> None:
+    """Give every particle the error of the current that its world has drawn [m/s], shape (worlds,)."""
+    world = ensemble.world.to_numpy()
+    ensemble.own["current_bias_east"].from_numpy(east.astype(np.float32)[world])
+    ensemble.own["current_bias_north"].from_numpy(north.astype(np.float32)[world])
