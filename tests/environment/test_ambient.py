@@ -1,11 +1,14 @@
 """Winds and currents on the host against fields that are linear in longitude, latitude and time, which interpolation keeps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from drift.environment import ambient, layers, report
 from drift.motion.forcing import Sources
 from geo.box import Box
+from geo.forcing import sources
 from geo.forcing.sources import Source
 from geo.grids.grid import Grid
 
@@ -98,3 +101,10 @@ def test_what_flows_is_read_once_for_maps_and_report():
     assert layers._some(ambient.Flow(TIMES, flow.lon[:1], flow.lat[:1], flow.velocity[:, :1])).tolist() == [True]
     (leaf,) = report.flows(found)
     assert (len(leaf["lon"]), leaf["shown"]) == (rows * columns, True)
+
+
+def test_of_an_ensemble_the_mean_of_its_members() -> None:
+    every = [sources.constant("current", east, north) for east, north in ((0.4, 0.0), (0.1, -0.3), (-0.2, 0.9))]
+    together = Sources({"current": (sources.ensemble([replace(one, label=str(k)) for k, one in enumerate(every)]),)})
+    told = ambient.at(together, "current", np.array(["2026-01-01"], "datetime64[s]"), np.array([3.0]), np.array([50.0]))
+    assert told[0, 0] == pytest.approx([0.1, 0.2])
