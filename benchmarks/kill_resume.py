@@ -3,7 +3,7 @@
     python benchmarks/kill_resume.py CASE [--set KEY=VALUE ..] [--shards 8] [--kills 10] [--seed 1]
 
 The case is run once in one piece. Then the same in shards is killed (SIGKILL) at random moments, each time after up to as long as the run
-in one piece took, and begun again; the last time it is let end. Prints what each left behind, and what differs in the files.
+in one piece took, and begun again, over its results where these stand; the last time it is let end. Prints what each left behind, and what differs in the files.
 """
 
 import argparse
@@ -51,12 +51,14 @@ def main() -> None:
         whole = time.monotonic() - begin
         print(f"in one piece: {whole:.1f} s")
         for kill in range(given.kills):
-            process = subprocess.Popen(command("killed", "--shards", str(given.shards)), stderr=subprocess.DEVNULL)
+            process = subprocess.Popen(
+                command("killed", "--shards", str(given.shards), "--overwrite"), stderr=subprocess.DEVNULL
+            )
             wait = draw.uniform(0, whole)
             try:
                 process.wait(wait)
                 print(f"{kill + 1}: ended by itself with {process.returncode}")
-                break
+                continue
             except subprocess.TimeoutExpired:
                 process.send_signal(signal.SIGKILL)
                 process.wait()
