@@ -3,7 +3,7 @@
 What is not asked for is not compiled.
 """
 
-CURRENT, WIND, STOKES, ERRORS, DIFFUSION, JIBE, COAST, RK4, BIAS, SINK, REFLOAT, SLIDE, DIVERGENCE, DEBRIS = (
-    1 << k for k in range(14)
-)
+CURRENT, WIND, STOKES, ERRORS, DIFFUSION, JIBE, COAST, RK4, BIAS, SINK, REFLOAT, SLIDE, DIVERGENCE, DEBRIS, LAYERS = (
+    1 << k for k in range(15)
+)  # LAYERS: a quantity of the forcing has several tiles
 FORCING = {"current": CURRENT, "wind": WIND, "stokes": STOKES}  # terms of kernels.velocity, by quantity
