@@ -87,7 +87,7 @@ Terms = ti.types.struct(
 
 def _rows(features: int) -> dict[str, dict[str, int]]:
     """Return what the kernel holds of its particles with these features, rows by name: see kernels.lanes."""
-    chance, wind = features & (DIFFUSION | ERRORS), bool(features & WIND)
+    chance, wind = bool(features & (DIFFUSION | ERRORS)), bool(features & WIND)
     walks, wanders, beached = (bool(features & bit) for bit in (DIFFUSION, ERRORS, REFLOAT))
     reals = {
         "dt": 1,  # [s] during which it moves
@@ -122,8 +122,7 @@ def _rows(features: int) -> dict[str, dict[str, int]]:
         "known": 1,  # whether there is forcing all along
         "far": 1,  # whether the shore is too far to be met
     }
-    words = {"word": 12 if features & DEBRIS else 8 if wind else 4}  # of the walk and the current, the wind, debris
-    return {"reals": reals, "ints": ints, "words": words if chance or features & JIBE else {}}
+    return {"reals": reals, "ints": ints, "words": {"word": 3 * chance}}
 
 
 @ti.func

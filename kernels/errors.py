@@ -77,43 +77,38 @@ def draw(
     step, with the bias, and `walk`, east and north [m], of the variance 2 D dt [m2]. table: the `Physics` of
     each scenario; terms: see kernels.advance.
     """
-    chance = ti.static(bool(features & (DIFFUSION | ERRORS)))
     wind = ti.static(bool(features & (JIBE | ERRORS) and features & WIND))
-    apart = ti.static(8 if features & DEBRIS else 0)  # debris shares only the errors of the forcing with the object
-    if ti.static(chance or wind):
-        for number in range(ti.static(3 if features & DEBRIS else 2 if wind else 1)):
-            stream = noise.STREAM_STEP
-            if number == 1:
-                stream = noise.STREAM_WIND
-            if number == 2:
-                stream = noise.STREAM_DEBRIS + terms.debris
-            for j in range(width):
-                w = noise.words(terms.seed0, terms.seed1, stream, group.slot[0, j], step)
-                for k in ti.static(range(4)):
-                    group.word[4 * number + k, j] = w[k]
     # What calls a library stands in a loop of its own: see kernels.lanes.
     for j in range(width):
-        at, dt = group.story[0, j] * ti.static(len(Physics._fields)), group.dt[0, j]
-        if ti.static(features & DIFFUSION):
-            group.log[0, j] = ti.log(noise.uniform(group.word[apart, j]))
-        if ti.static(features & ERRORS):
-            group.log[1, j] = ti.log(noise.uniform(group.word[2, j]))
-            group.keep[0, j] = kept(table[at + 1], dt)
-            if ti.static(wind):
-                group.log[2, j] = ti.log(noise.uniform(group.word[4, j]))
+        at, slot, dt = group.story[0, j] * ti.static(len(Physics._fields)), group.slot[0, j], group.dt[0, j]
+        if ti.static(features & (DIFFUSION | ERRORS)):
+            w = noise.words(terms.seed0, terms.seed1, noise.STREAM_STEP, slot, step)
+            if ti.static(features & ERRORS):
+                group.log[1, j], group.word[1, j] = ti.log(noise.uniform(w[2])), w[3]
+                group.keep[0, j] = kept(table[at + 1], dt)
+            if ti.static(features & DIFFUSION):
+                if ti.static(features & DEBRIS):  # debris shares only the errors of the forcing with the object
+                    w = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
+                group.log[0, j], group.word[0, j] = ti.log(noise.uniform(w[0])), w[1]
+        if ti.static(wind):
+            w = noise.words(terms.seed0, terms.seed1, noise.STREAM_WIND, slot, step)
+            if ti.static(features & ERRORS):
+                group.log[2, j], group.word[2, j] = ti.log(noise.uniform(w[0])), w[1]
                 group.keep[1, j] = kept(table[at + 3], dt)
-        if ti.static(features & JIBE and wind):
-            if jibed(table[at + 5], dt, noise.uniform(group.word[ti.static(apart or 4) + 2, j])):
-                group.side[0, j] = -group.side[0, j]
+            if ti.static(features & JIBE):
+                if ti.static(features & DEBRIS):
+                    w = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
+                if jibed(table[at + 5], dt, noise.uniform(w[2])):
+                    group.side[0, j] = -group.side[0, j]
     for j in range(width):
         at, dt = group.story[0, j] * ti.static(len(Physics._fields)), group.dt[0, j]
         if ti.static(features & DIFFUSION):
             group.variance[0, j] = 2.0 * table[at + 4] * dt
-            walk = noise.turned(group.log[0, j], group.word[apart + 1, j]) * ti.sqrt(group.variance[0, j])
+            walk = noise.turned(group.log[0, j], group.word[0, j]) * ti.sqrt(group.variance[0, j])
             group.walk[0, j], group.walk[1, j] = walk[0], walk[1]
         if ti.static(features & ERRORS):
             for k in ti.static(range(2 if wind else 1)):  # the current's, the wind's
-                normal = noise.turned(group.log[1 + k, j], group.word[3 + 2 * k, j])
+                normal = noise.turned(group.log[1 + k, j], group.word[1 + k, j])
                 old = f32x2(group.errors[2 * k, j], group.errors[2 * k + 1, j])
                 new = transition(old, table[at + 2 * k], group.keep[k, j], normal)
                 for m in ti.static(range(2)):
