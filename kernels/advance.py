@@ -5,10 +5,10 @@ adds a random walk; and ends at its first crossing of the shore, or goes on alon
 step everything is float32 on differences from the position at its begin. Writing of the increment is one rounding of at
 most 5 mm.
 
-One launch does it all, so that the columns are read once. The parts are point functions, which another model of motion
-shares: kernels.life says when in the step a particle moves and writes how the step ends for it, errors what chance does
-to it, integrate leads it along any field of velocity, shore says what the coast does to it; velocity.drift is this
-model's own.
+One launch does it all, so that the columns are read once, and takes particles in bundles (kernels.bundle). The parts are
+functions that another model of motion shares: kernels.life says when in the step a particle moves and writes how the step
+ends for it, errors what chance does to a bundle, integrate leads a particle along any field of velocity, shore says what
+the coast does to it; velocity.drift is this model's own.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from kernels import batch, errors, integrate, lanes, launch, life, noise, shore, sphere
+from kernels import batch, bundle, errors, integrate, launch, life, noise, shore, sphere
 from kernels.batch import Batch
 from kernels.coast import Coast, DeviceCoast, Ints, Reals, open_sea
 from kernels.errors import Physics as Physics
@@ -86,7 +86,7 @@ Terms = ti.types.struct(
 
 
 def _rows(features: int) -> dict[str, dict[str, int]]:
-    """Return what the kernel holds of its particles with these features, rows by name: see kernels.lanes."""
+    """Return what the kernel holds of its particles with these features, rows by name: see kernels.bundle."""
     chance, wind = bool(features & (DIFFUSION | ERRORS)), bool(features & WIND)
     walks, wanders, beached = (bool(features & bit) for bit in (DIFFUSION, ERRORS, REFLOAT))
     reals = {
@@ -130,7 +130,7 @@ def _muster(
     features: ti.template(),
     i: ti.i32,
     j: ti.i32,
-    group: ti.template(),
+    held: ti.template(),
     core: ti.template(),
     own: ti.template(),
     shift: ti.template(),
@@ -138,7 +138,7 @@ def _muster(
     elapsed: ti.i32,
     duration: ti.i32,
 ):
-    """Take particle i into lane j, if it moves in this step."""
+    """Take particle i to entry j of the bundle, if it moves in this step."""
     story = core.scenario[i]
     slot = i + shift[story]
     state, due, sinking = core.status[i], life.NEVER, life.NEVER
@@ -153,63 +153,63 @@ def _muster(
         if moves and finish == left:
             core.status[i], core.status_since[i], moves = SUNK, finish, False
     if moves:
-        group.moving[0, j], group.i[0, j], group.story[0, j], group.slot[0, j] = 1, i, story, slot
-        group.left[0, j], group.finish[0, j] = left, finish
+        held.moving[0, j], held.i[0, j], held.story[0, j], held.slot[0, j] = 1, i, story, slot
+        held.left[0, j], held.finish[0, j] = left, finish
         if ti.static(features & REFLOAT):
-            group.waits[0, j] = ti.cast(state == ASHORE, ti.i32)
-        group.place[0, j], group.place[1, j] = core.lon[i], core.lat[i]
+            held.waits[0, j] = ti.cast(state == ASHORE, ti.i32)
+        held.place[0, j], held.place[1, j] = core.lon[i], core.lat[i]
         if ti.static(features & ERRORS):
-            group.errors[0, j], group.errors[1, j] = own.current_error_east[i], own.current_error_north[i]
+            held.errors[0, j], held.errors[1, j] = own.current_error_east[i], own.current_error_north[i]
             if ti.static(features & WIND):
-                group.errors[2, j], group.errors[3, j] = own.wind_error_east[i], own.wind_error_north[i]
+                held.errors[2, j], held.errors[3, j] = own.wind_error_east[i], own.wind_error_north[i]
         if ti.static(features & BIAS):
-            group.bias[0, j], group.bias[1, j] = own.current_bias_east[i], own.current_bias_north[i]
+            held.bias[0, j], held.bias[1, j] = own.current_bias_east[i], own.current_bias_north[i]
         if ti.static(features & WIND):
-            group.side[0, j] = own.side[i]
-            group.line[0, j], group.line[1, j] = own.down_slope[i], own.down_offset[i]
-            group.line[2, j], group.line[3, j] = own.right_slope[i], own.right_offset[i]
-            group.line[4, j], group.line[5, j] = own.left_slope[i], own.left_offset[i]
+            held.side[0, j] = own.side[i]
+            held.line[0, j], held.line[1, j] = own.down_slope[i], own.down_offset[i]
+            held.line[2, j], held.line[3, j] = own.right_slope[i], own.right_offset[i]
+            held.line[4, j], held.line[5, j] = own.left_slope[i], own.left_offset[i]
 
 
 @ti.func
-def _keep(features: ti.template(), j: ti.i32, group: ti.template(), own: ti.template()):
-    """Keep the errors and the side of the particle in lane j that have been drawn."""
-    i = group.i[0, j]
+def _keep(features: ti.template(), j: ti.i32, held: ti.template(), own: ti.template()):
+    """Keep the errors and the side of particle j of the bundle that have been drawn."""
+    i = held.i[0, j]
     if ti.static(features & ERRORS):
-        own.current_error_east[i], own.current_error_north[i] = group.errors[0, j], group.errors[1, j]
+        own.current_error_east[i], own.current_error_north[i] = held.errors[0, j], held.errors[1, j]
         if ti.static(features & WIND):
-            own.wind_error_east[i], own.wind_error_north[i] = group.errors[2, j], group.errors[3, j]
+            own.wind_error_east[i], own.wind_error_north[i] = held.errors[2, j], held.errors[3, j]
     if ti.static(features & JIBE):
-        own.side[i] = group.side[0, j]
+        own.side[i] = held.side[0, j]
 
 
 @ti.func
-def _drifter(features: ti.template(), group: ti.template(), j: ti.i32) -> Drifter:
-    """Return what of the particle in lane j its drift depends on."""
+def _drifter(features: ti.template(), held: ti.template(), j: ti.i32) -> Drifter:
+    """Return what of particle j of the bundle its drift depends on."""
     line = f32x4(0.0)
     if ti.static(features & WIND):
-        left = group.side[0, j] < 0
+        left = held.side[0, j] < 0
         across = (
-            ti.select(left, group.line[4, j], group.line[2, j]),
-            ti.select(left, group.line[5, j], group.line[3, j]),
+            ti.select(left, held.line[4, j], held.line[2, j]),
+            ti.select(left, held.line[5, j], held.line[3, j]),
         )
-        line = f32x4(group.line[0, j], group.line[1, j], across[0], across[1])
-    return Drifter(line=line, error=f32x4([group.error[k, j] for k in ti.static(range(4))]))
+        line = f32x4(held.line[0, j], held.line[1, j], across[0], across[1])
+    return Drifter(line=line, error=f32x4([held.error[k, j] for k in ti.static(range(4))]))
 
 
 @ti.func
-def _way(group: ti.template(), j: ti.i32) -> integrate.Way:
-    """Return how far the particle in lane j has been led."""
-    last, total = f32x2(group.last[0, j], group.last[1, j]), f32x2(group.total[0, j], group.total[1, j])
-    return integrate.Way(last=last, total=total, valid=group.valid[0, j], sets_off=group.sets_off[0, j])
+def _way(held: ti.template(), j: ti.i32) -> integrate.Way:
+    """Return how far particle j of the bundle has been led."""
+    last, total = f32x2(held.last[0, j], held.last[1, j]), f32x2(held.total[0, j], held.total[1, j])
+    return integrate.Way(last=last, total=total, valid=held.valid[0, j], sets_off=held.sets_off[0, j])
 
 
 @ti.func
-def _off(features: ti.template(), group: ti.template(), j: ti.i32) -> f32x2:
-    """Return the direction off the beach of the particle in lane j: zero where it is afloat."""
+def _off(features: ti.template(), held: ti.template(), j: ti.i32) -> f32x2:
+    """Return the direction off the beach of particle j of the bundle: zero where it is afloat."""
     off = f32x2(0.0)
     if ti.static(features & REFLOAT):
-        off = f32x2(group.off[0, j], group.off[1, j])
+        off = f32x2(held.off[0, j], held.off[1, j])
     return off
 
 
@@ -218,7 +218,7 @@ def _advance(
     features: ti.template(),
     velocity: ti.template(),
     width: ti.template(),
-    lanes_of: ti.template(),
+    held_of: ti.template(),
     listed: ti.template(),
     first: ti.i32,
     last: ti.i32,
@@ -235,85 +235,85 @@ def _advance(
     step: ti.i32,
 ):
     for block in range((last - first + width - 1) // width):
-        group = lanes_of()
+        held = held_of()
         begin = first + block * width
         for j in range(ti.min(width, last - begin)):
             i = batch.slot(listed, slots, begin + j)
-            _muster(features, i, j, group, core, own, shift, terms, elapsed, duration)
+            _muster(features, i, j, held, core, own, shift, terms, elapsed, duration)
         for j in range(width):
-            group.dt[0, j] = ti.cast(group.finish[0, j] - group.left[0, j], ti.f32)
-            group.begin[0, j] = ti.cast(group.left[0, j] - elapsed, ti.f32) / duration
-            group.share[0, j] = group.dt[0, j] / duration
-            group.trig[0, j], group.trig[1, j] = sphere.cos_lat(group.place[1, j]), sphere.sin_lat(group.place[1, j])
-            group.valid[0, j], group.sets_off[0, j] = 1.0, 1.0
-        errors.draw(features, width, group, table, terms, step)
+            held.dt[0, j] = ti.cast(held.finish[0, j] - held.left[0, j], ti.f32)
+            held.begin[0, j] = ti.cast(held.left[0, j] - elapsed, ti.f32) / duration
+            held.share[0, j] = held.dt[0, j] / duration
+            held.trig[0, j], held.trig[1, j] = sphere.cos_lat(held.place[1, j]), sphere.sin_lat(held.place[1, j])
+            held.valid[0, j], held.sets_off[0, j] = 1.0, 1.0
+        errors.draw(features, width, held, table, terms, step)
         if ti.static(features & REFLOAT):
             for j in range(width):
-                if group.waits[0, j] == 1:
+                if held.waits[0, j] == 1:
                     x, y, east, north = shore.leave(
-                        group.place[0, j], group.place[1, j], group.trig[0, j], terms.offing,
-                        core.edge[group.i[0, j]], coast,
+                        held.place[0, j], held.place[1, j], held.trig[0, j], terms.offing,
+                        core.edge[held.i[0, j]], coast,
                     )  # fmt: skip
-                    group.place[0, j], group.place[1, j] = x, y
-                    group.off[0, j], group.off[1, j] = terms.direction * east, terms.direction * north
+                    held.place[0, j], held.place[1, j] = x, y
+                    held.off[0, j], held.off[1, j] = terms.direction * east, terms.direction * north
         scheme = ti.static(integrate.CLASSICAL if features & RK4 else integrate.MIDPOINT)
         # The loop runs at run time: unrolled it takes three times as long to compile and runs no faster.
         for stage in range(ti.static(len(scheme[0]))):
             entry = integrate.tableau(scheme, stage)
             for j in range(width):
                 way = integrate.lead(
-                    velocity, ti.static(bool(features & REFLOAT)), features, sea, _drifter(features, group, j), _way(group, j),
-                    group.place[0, j], group.place[1, j], group.trig[0, j], group.trig[1, j],
-                    terms.direction * group.dt[0, j], group.begin[0, j] + entry[0] * group.share[0, j], entry,
-                    _off(features, group, j),
+                    velocity, ti.static(bool(features & REFLOAT)), features, sea, _drifter(features, held, j), _way(held, j),
+                    held.place[0, j], held.place[1, j], held.trig[0, j], held.trig[1, j],
+                    terms.direction * held.dt[0, j], held.begin[0, j] + entry[0] * held.share[0, j], entry,
+                    _off(features, held, j),
                 )  # fmt: skip
                 for k in ti.static(range(2)):
-                    group.last[k, j], group.total[k, j] = way.last[k], way.total[k]
-                group.valid[0, j], group.sets_off[0, j] = way.valid, way.sets_off
+                    held.last[k, j], held.total[k, j] = way.last[k], way.total[k]
+                held.valid[0, j], held.sets_off[0, j] = way.valid, way.sets_off
         for j in range(width):
-            way = integrate.led(_way(group, j))
+            way = integrate.led(_way(held, j))
             for k in ti.static(range(2)):
-                group.total[k, j] = way[k]
+                held.total[k, j] = way[k]
             if ti.static(features & DIFFUSION):
-                way += errors.walked(f32x2(group.walk[0, j], group.walk[1, j]), group.trig[0, j], group.trig[1, j])
+                way += errors.walked(f32x2(held.walk[0, j], held.walk[1, j]), held.trig[0, j], held.trig[1, j])
             near = ti.max(ti.abs(way[0]), ti.abs(way[1])) < FARTHEST
             for k in ti.static(range(2)):
-                group.move[k, j] = ti.cast(ti.round(ti.select(near, way[k], 0.0)), ti.i32)
-            group.known[0, j] = ti.cast(near & (group.valid[0, j] > 0.5), ti.i32)
+                held.move[k, j] = ti.cast(ti.round(ti.select(near, way[k], 0.0)), ti.i32)
+            held.known[0, j] = ti.cast(near & (held.valid[0, j] > 0.5), ti.i32)
             if ti.static(features & COAST):
                 far = shore.is_far(
-                    ti.static(bool(features & DIFFUSION)), group.place[0, j], group.place[1, j],
-                    group.move[0, j], group.move[1, j], group.trig[0, j], group.variance[0, j], coast,
+                    ti.static(bool(features & DIFFUSION)), held.place[0, j], held.place[1, j],
+                    held.move[0, j], held.move[1, j], held.trig[0, j], held.variance[0, j], coast,
                 )  # fmt: skip
-                group.far[0, j] = ti.cast(far, ti.i32)
+                held.far[0, j] = ti.cast(far, ti.i32)
         for j in range(width):
-            if group.moving[0, j] == 1:
-                _keep(features, j, group, own)
+            if held.moving[0, j] == 1:
+                _keep(features, j, held, own)
             # Where the drift leads onto the beach, the particle waits for one that leads off it.
-            if group.moving[0, j] == 1 and group.sets_off[0, j] > 0.5:
-                i, slot = group.i[0, j], group.slot[0, j]
-                x, y, left, finish = group.place[0, j], group.place[1, j], group.left[0, j], group.finish[0, j]
+            if held.moving[0, j] == 1 and held.sets_off[0, j] > 0.5:
+                i, slot = held.i[0, j], held.slot[0, j]
+                x, y, left, finish = held.place[0, j], held.place[1, j], held.left[0, j], held.finish[0, j]
                 if ti.static(features & REFLOAT):
                     core.moving_since[i] = left
                 if ti.static(features & DIVERGENCE):
                     x_half, y_half = (
-                        x + ti.cast(0.5 * group.total[0, j], ti.i32),
-                        y + ti.cast(0.5 * group.total[1, j], ti.i32),
+                        x + ti.cast(0.5 * held.total[0, j], ti.i32),
+                        y + ti.cast(0.5 * held.total[1, j], ti.i32),
                     )
-                    core.log_weight[i] -= group.dt[0, j] * integrate.divergence(
-                        velocity, features, sea, _drifter(features, group, j), x_half, y_half,
-                        group.begin[0, j] + 0.5 * group.share[0, j],
+                    core.log_weight[i] -= held.dt[0, j] * integrate.divergence(
+                        velocity, features, sea, _drifter(features, held, j), x_half, y_half,
+                        held.begin[0, j] + 0.5 * held.share[0, j],
                     )  # fmt: skip
-                move_lon, move_lat, known = group.move[0, j], group.move[1, j], group.known[0, j] == 1
+                move_lon, move_lat, known = held.move[0, j], held.move[1, j], held.known[0, j] == 1
                 x_end, y_end = x + move_lon, y + move_lat
                 met, number, part = 0, -1, ti.cast(1.0, ti.f32)
                 if ti.static(features & COAST):
                     # The shore is asked first: a stage may lie inland, behind it, and find no forcing only for that.
-                    if group.far[0, j] == 0:
+                    if held.far[0, j] == 0:
                         met, x_end, y_end, part, number = shore.meet(
                             ti.static(bool(features & DIFFUSION)), ti.static(bool(features & SLIDE)),
-                            x, y, move_lon, move_lat, group.trig[0, j],
-                            group.variance[0, j], terms.coast0, terms.coast1, slot, step, coast,
+                            x, y, move_lon, move_lat, held.trig[0, j],
+                            held.variance[0, j], terms.coast0, terms.coast1, slot, step, coast,
                         )  # fmt: skip
                     if ti.static(features & SLIDE):
                         if x_end != x + move_lon or y_end != y + move_lat:
@@ -435,8 +435,8 @@ def mover(
     args = (
         needed,
         velocity,
-        lanes.width(),
-        lanes.group(**_rows(needed)),
+        bundle.width(),
+        bundle.held(**_rows(needed)),
         own.listed,
         own.first,
         own.last,

@@ -65,55 +65,55 @@ def walked(walk: f32x2, c: ti.f32, s: ti.f32) -> f32x2:
 def draw(
     features: ti.template(),
     width: ti.template(),
-    group: ti.template(),
+    held: ti.template(),
     table: ti.template(),
     terms: ti.template(),
     step: ti.i32,
 ):
-    """Draw what chance does to the particles in all lanes over their parts dt [s] of a lattice step.
+    """Draw what chance does to the particles of a bundle over their parts dt [s] of a lattice step.
 
-    group: see kernels.advance. Read: story, slot (in the whole run, the key of its noise), dt, bias. Made new: errors of
+    held: see kernels.advance. Read: story, slot (in the whole run, the key of its noise), dt, bias. Made new: errors of
     current and wind, east and north [m/s], and the side. Written: `error`, the mean of those at begin and end of the
     step, with the bias, and `walk`, east and north [m], of the variance 2 D dt [m2]. table: the `Physics` of
     each scenario; terms: see kernels.advance.
     """
     wind = ti.static(bool(features & (JIBE | ERRORS) and features & WIND))
-    # What calls a library stands in a loop of its own: see kernels.lanes.
+    # What calls a library stands in a loop of its own: see kernels.bundle.
     for j in range(width):
-        at, slot, dt = group.story[0, j] * ti.static(len(Physics._fields)), group.slot[0, j], group.dt[0, j]
+        at, slot, dt = held.story[0, j] * ti.static(len(Physics._fields)), held.slot[0, j], held.dt[0, j]
         if ti.static(features & (DIFFUSION | ERRORS)):
             w = noise.words(terms.seed0, terms.seed1, noise.STREAM_STEP, slot, step)
             if ti.static(features & ERRORS):
-                group.log[1, j], group.word[1, j] = ti.log(noise.uniform(w[2])), w[3]
-                group.keep[0, j] = kept(table[at + 1], dt)
+                held.log[1, j], held.word[1, j] = ti.log(noise.uniform(w[2])), w[3]
+                held.keep[0, j] = kept(table[at + 1], dt)
             if ti.static(features & DIFFUSION):
                 if ti.static(features & DEBRIS):  # debris shares only the errors of the forcing with the object
                     w = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
-                group.log[0, j], group.word[0, j] = ti.log(noise.uniform(w[0])), w[1]
+                held.log[0, j], held.word[0, j] = ti.log(noise.uniform(w[0])), w[1]
         if ti.static(wind):
             w = noise.words(terms.seed0, terms.seed1, noise.STREAM_WIND, slot, step)
             if ti.static(features & ERRORS):
-                group.log[2, j], group.word[2, j] = ti.log(noise.uniform(w[0])), w[1]
-                group.keep[1, j] = kept(table[at + 3], dt)
+                held.log[2, j], held.word[2, j] = ti.log(noise.uniform(w[0])), w[1]
+                held.keep[1, j] = kept(table[at + 3], dt)
             if ti.static(features & JIBE):
                 if ti.static(features & DEBRIS):
                     w = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
                 if jibed(table[at + 5], dt, noise.uniform(w[2])):
-                    group.side[0, j] = -group.side[0, j]
+                    held.side[0, j] = -held.side[0, j]
     for j in range(width):
-        at, dt = group.story[0, j] * ti.static(len(Physics._fields)), group.dt[0, j]
+        at, dt = held.story[0, j] * ti.static(len(Physics._fields)), held.dt[0, j]
         if ti.static(features & DIFFUSION):
-            group.variance[0, j] = 2.0 * table[at + 4] * dt
-            walk = noise.turned(group.log[0, j], group.word[0, j]) * ti.sqrt(group.variance[0, j])
-            group.walk[0, j], group.walk[1, j] = walk[0], walk[1]
+            held.variance[0, j] = 2.0 * table[at + 4] * dt
+            walk = noise.turned(held.log[0, j], held.word[0, j]) * ti.sqrt(held.variance[0, j])
+            held.walk[0, j], held.walk[1, j] = walk[0], walk[1]
         if ti.static(features & ERRORS):
             for k in ti.static(range(2 if wind else 1)):  # the current's, the wind's
-                normal = noise.turned(group.log[1 + k, j], group.word[1 + k, j])
-                old = f32x2(group.errors[2 * k, j], group.errors[2 * k + 1, j])
-                new = transition(old, table[at + 2 * k], group.keep[k, j], normal)
+                normal = noise.turned(held.log[1 + k, j], held.word[1 + k, j])
+                old = f32x2(held.errors[2 * k, j], held.errors[2 * k + 1, j])
+                new = transition(old, table[at + 2 * k], held.keep[k, j], normal)
                 for m in ti.static(range(2)):
-                    group.errors[2 * k + m, j] = new[m]
-                    group.error[2 * k + m, j] = 0.5 * (old[m] + new[m])
+                    held.errors[2 * k + m, j] = new[m]
+                    held.error[2 * k + m, j] = 0.5 * (old[m] + new[m])
         if ti.static(features & BIAS):
-            group.error[0, j] += group.bias[0, j]
-            group.error[1, j] += group.bias[1, j]
+            held.error[0, j] += held.bias[0, j]
+            held.error[1, j] += held.bias[1, j]

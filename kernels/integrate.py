@@ -67,7 +67,7 @@ def lead(
 
     beached: whether a particle may lie on a beach. Then `off` (east, north) points off the beach, and the particle sets
     off only if the drift of the first stage has a component along it; `off` is zero for a particle that is afloat. If
-    the particle does not set off, the displacement means nothing. There is no branch in it: see kernels.lanes.
+    the particle does not set off, the displacement means nothing. There is no branch in it: see kernels.bundle.
     """
     scale_lat = dt * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))  # m/s -> units of latitude in this step
     d = entry[0] * way.last[1] * ti.f32(sphere.UNIT)

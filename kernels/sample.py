@@ -55,7 +55,7 @@ def ordered(ranges: Ranges) -> tuple[int, ...]:
 def of_tile(sea: ti.template(), tile: ti.i32, lon: ti.i32, lat: ti.i32, fraction: ti.f32) -> f32x3:
     """Return (east, north, valid) of one tile; zeros where it does not know the point. fraction: of the step.
 
-    It reads four nodes even then, and so does without a branch: see kernels.lanes.
+    It reads four nodes even then, and so does without a branch: see kernels.bundle.
     """
     nodes, where, scale = ti.static(sea.nodes, sea.where, sea.scale)
     w, s = tile * WHERE, tile * SCALE
