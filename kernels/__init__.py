@@ -6,6 +6,7 @@ runtime  start a backend; host arrays <-> device arrays
 reading  how Taichi reads the source of kernels, in less time
 launch   arguments in groups; a kernel with its arguments set once
 batch    the slots that one launch works on
+bundle   particles that a kernel moves side by side
 noise    counter-based random numbers: f(seed, stream, slot, step)
 sphere   the exponential map on binary angles
 prior    draw initial positions in water

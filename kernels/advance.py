@@ -5,10 +5,10 @@ adds a random walk; and ends at its first crossing of the shore, or goes on alon
 step everything is float32 on differences from the position at its begin. Writing of the increment is one rounding of at
 most 5 mm.
 
-One launch does it all, so that the columns are read once. The parts are point functions, which another model of motion
-shares: kernels.life says when in the step a particle moves and writes how the step ends for it, errors what chance does
-to it, integrate leads it along any field of velocity, shore says what the coast does to it; velocity.drift is this
-model's own.
+One launch does it all, so that the columns are read once, and takes particles in bundles (kernels.bundle). The parts are
+functions that another model of motion shares: kernels.life says when in the step a particle moves and writes how the step
+ends for it, errors what chance does to a bundle, integrate leads a particle along any field of velocity, shore says what
+the coast does to it; velocity.drift is this model's own.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,9 +16,10 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from kernels import batch, errors, integrate, launch, life, noise, shore, sphere
+from kernels import batch, bundle, errors, integrate, launch, life, noise, shore, sphere
 from kernels.batch import Batch
 from kernels.coast import Coast, DeviceCoast, Ints, Reals, open_sea
+from kernels.errors import Physics as Physics
 from kernels.features import (
     BIAS,
     COAST,
@@ -28,6 +29,7 @@ from kernels.features import (
     ERRORS,
     FORCING,
     JIBE,
+    LAYERS,
     MEMBERS,
     REFLOAT,
     RK4,
@@ -65,21 +67,9 @@ OWN = {
 }
 
 
-class Physics(NamedTuple):
-    """How the objects of one scenario move, besides the forcing; each term is off at zero."""
-
-    current_std: float = 0.0  # [m/s] of the current's error, a component
-    current_time: float = 1.0  # [s] its decorrelation time
-    wind_std: float = 0.0
-    wind_time: float = 1.0
-    diffusivity: float = 0.0  # [m2/s]
-    jibe_rate: float = 0.0  # [1/s]
-
-
 # The arguments of the kernel in groups: arrays in packs, numbers in structures.
 CoreColumns = ti.types.argpack(**CORE)
 OwnColumns = ti.types.argpack(**OWN, member_of=Ints)
-PhysicsTerms = ti.types.struct(**dict.fromkeys(Physics._fields, ti.f32))
 Terms = ti.types.struct(
     direction=ti.f32,  # +1 forward in time, -1 backward
     seed0=ti.u32,
@@ -96,35 +86,146 @@ Terms = ti.types.struct(
 )
 
 
+def _rows(features: int) -> dict[str, dict[str, int]]:
+    """Return what the kernel holds of its particles with these features, rows by name: see kernels.bundle."""
+    chance, wind = bool(features & (DIFFUSION | ERRORS)), bool(features & WIND)
+    walks, wanders, beached = (bool(features & bit) for bit in (DIFFUSION, ERRORS, REFLOAT))
+    reals = {
+        "dt": 1,  # [s] during which it moves
+        "begin": 1,  # share of the lattice step at which it sets out
+        "share": 1,  # of the lattice step
+        "trig": 2,  # cosine and sine of its latitude then
+        "line": 6 * wind,  # leeway: slope and offset downwind, across to the right, across to the left
+        "errors": 4 * wanders,
+        "bias": 2,
+        "error": 4,
+        "log": 3,
+        "keep": 2,
+        "variance": 1,
+        "walk": 2 * walks,
+        "off": 2 * beached,
+        "last": 2,
+        "total": 2,
+        "valid": 1,
+        "sets_off": 1,  # see kernels.integrate
+    }
+    ints = {
+        "moving": 1,  # whether it moves
+        "i": 1,  # its slot here
+        "slot": 1,  # its number in the whole run, which is the key of its noise
+        "story": 1,
+        "left": 1,  # [s] when it sets out
+        "finish": 1,  # [s] when its way ends
+        "side": wind,
+        "member": bool(features & MEMBERS),  # of an ensemble of forcings in which it drifts
+        "waits": beached,  # whether it lies on a beach
+        "place": 2,  # lon, lat where its way begins [binary angle]
+        "move": 2,  # how far that leads [binary angle units]
+        "known": 1,  # whether there is forcing all along
+        "far": 1,  # whether the shore is too far to be met
+    }
+    return {"reals": reals, "ints": ints, "words": {"word": 3 * chance}}
+
+
 @ti.func
-def _line(features: ti.template(), own: ti.template(), i: ti.i32) -> f32x4:
-    """Return the leeway line of particle i on the side to which it drifts, see kernels.velocity."""
+def _muster(
+    features: ti.template(),
+    i: ti.i32,
+    j: ti.i32,
+    held: ti.template(),
+    core: ti.template(),
+    own: ti.template(),
+    shift: ti.template(),
+    terms: ti.template(),
+    elapsed: ti.i32,
+    duration: ti.i32,
+):
+    """Take particle i to entry j of the bundle, if it moves in this step."""
+    story = core.scenario[i]
+    slot = i + shift[story]
+    state, due, sinking = core.status[i], life.NEVER, life.NEVER
+    if ti.static(features & REFLOAT):
+        if state == ASHORE:
+            w = noise.further(terms.coast0, terms.coast1, noise.STREAM_REFLOAT, slot, core.status_since[i], 0)
+            due = life.refloats(core.status_since[i], noise.uniform(w[0]), terms.stay)
+    if ti.static(features & SINK):
+        sinking = core.sink_time[i]
+    moves, left, finish = life.ahead(state, core.release[i], due, sinking, elapsed, duration)
+    if ti.static(features & SINK):
+        if moves and finish == left:
+            core.status[i], core.status_since[i], moves = SUNK, finish, False
+    if moves:
+        held.moving[0, j], held.i[0, j], held.story[0, j], held.slot[0, j] = 1, i, story, slot
+        held.left[0, j], held.finish[0, j] = left, finish
+        if ti.static(features & REFLOAT):
+            held.waits[0, j] = ti.cast(state == ASHORE, ti.i32)
+        held.place[0, j], held.place[1, j] = core.lon[i], core.lat[i]
+        if ti.static(features & ERRORS):
+            held.errors[0, j], held.errors[1, j] = own.current_error_east[i], own.current_error_north[i]
+            if ti.static(features & WIND):
+                held.errors[2, j], held.errors[3, j] = own.wind_error_east[i], own.wind_error_north[i]
+        if ti.static(features & BIAS):
+            held.bias[0, j], held.bias[1, j] = own.current_bias_east[i], own.current_bias_north[i]
+        if ti.static(features & MEMBERS):
+            held.member[0, j] = own.member_of[i]
+        if ti.static(features & WIND):
+            held.side[0, j] = own.side[i]
+            held.line[0, j], held.line[1, j] = own.down_slope[i], own.down_offset[i]
+            held.line[2, j], held.line[3, j] = own.right_slope[i], own.right_offset[i]
+            held.line[4, j], held.line[5, j] = own.left_slope[i], own.left_offset[i]
+
+
+@ti.func
+def _keep(features: ti.template(), j: ti.i32, held: ti.template(), own: ti.template()):
+    """Keep the errors and the side of particle j of the bundle that have been drawn."""
+    i = held.i[0, j]
+    if ti.static(features & ERRORS):
+        own.current_error_east[i], own.current_error_north[i] = held.errors[0, j], held.errors[1, j]
+        if ti.static(features & WIND):
+            own.wind_error_east[i], own.wind_error_north[i] = held.errors[2, j], held.errors[3, j]
+    if ti.static(features & JIBE):
+        own.side[i] = held.side[0, j]
+
+
+@ti.func
+def _drifter(features: ti.template(), held: ti.template(), j: ti.i32) -> Drifter:
+    """Return what of particle j of the bundle its drift depends on."""
     line = f32x4(0.0)
     if ti.static(features & WIND):
-        line = f32x4(own.down_slope[i], own.down_offset[i], own.right_slope[i], own.right_offset[i])
-        if own.side[i] < 0:
-            line[2], line[3] = own.left_slope[i], own.left_offset[i]
-    return line
+        left = held.side[0, j] < 0
+        across = (
+            ti.select(left, held.line[4, j], held.line[2, j]),
+            ti.select(left, held.line[5, j], held.line[3, j]),
+        )
+        line = f32x4(held.line[0, j], held.line[1, j], across[0], across[1])
+    among = 0
+    if ti.static(features & MEMBERS):
+        among = held.member[0, j]
+    return Drifter(line=line, error=f32x4([held.error[k, j] for k in ti.static(range(4))]), member=among)
 
 
 @ti.func
-def _physics(table: ti.template(), s: ti.i32) -> PhysicsTerms:
-    """Return the physics of scenario s."""
-    at = s * ti.static(len(Physics._fields))
-    return PhysicsTerms(
-        current_std=table[at],
-        current_time=table[at + 1],
-        wind_std=table[at + 2],
-        wind_time=table[at + 3],
-        diffusivity=table[at + 4],
-        jibe_rate=table[at + 5],
-    )
+def _way(held: ti.template(), j: ti.i32) -> integrate.Way:
+    """Return how far particle j of the bundle has been led."""
+    last, total = f32x2(held.last[0, j], held.last[1, j]), f32x2(held.total[0, j], held.total[1, j])
+    return integrate.Way(last=last, total=total, valid=held.valid[0, j], sets_off=held.sets_off[0, j])
+
+
+@ti.func
+def _off(features: ti.template(), held: ti.template(), j: ti.i32) -> f32x2:
+    """Return the direction off the beach of particle j of the bundle: zero where it is afloat."""
+    off = f32x2(0.0)
+    if ti.static(features & REFLOAT):
+        off = f32x2(held.off[0, j], held.off[1, j])
+    return off
 
 
 @ti.kernel
 def _advance(
     features: ti.template(),
     velocity: ti.template(),
+    width: ti.template(),
+    held_of: ti.template(),
     listed: ti.template(),
     first: ti.i32,
     last: ti.i32,
@@ -140,68 +241,87 @@ def _advance(
     duration: ti.i32,
     step: ti.i32,
 ):
-    for k in range(first, last):
-        i = batch.slot(listed, slots, k)
-        story = core.scenario[i]
-        slot = i + shift[story]  # its number in the whole run, which is the key of its noise
-        physics = _physics(table, story)
-        state, due, sinking = core.status[i], life.NEVER, life.NEVER
+    for block in range((last - first + width - 1) // width):
+        held = held_of()
+        begin = first + block * width
+        for j in range(ti.min(width, last - begin)):
+            i = batch.slot(listed, slots, begin + j)
+            _muster(features, i, j, held, core, own, shift, terms, elapsed, duration)
+        for j in range(width):
+            held.dt[0, j] = ti.cast(held.finish[0, j] - held.left[0, j], ti.f32)
+            held.begin[0, j] = ti.cast(held.left[0, j] - elapsed, ti.f32) / duration
+            held.share[0, j] = held.dt[0, j] / duration
+            held.trig[0, j], held.trig[1, j] = sphere.cos_lat(held.place[1, j]), sphere.sin_lat(held.place[1, j])
+            held.valid[0, j], held.sets_off[0, j] = 1.0, 1.0
+        errors.draw(features, width, held, table, terms, step)
         if ti.static(features & REFLOAT):
-            if state == ASHORE:
-                w = noise.words(terms.coast0, terms.coast1, noise.STREAM_REFLOAT, slot, core.status_since[i])
-                due = life.refloats(core.status_since[i], noise.uniform(w[0]), terms.stay)
-        if ti.static(features & SINK):
-            sinking = core.sink_time[i]
-        moves, left, finish = life.ahead(state, core.release[i], due, sinking, elapsed, duration)
-        if ti.static(features & SINK):
-            if moves and finish == left:
-                core.status[i], core.status_since[i], moves = SUNK, finish, False
-        if moves:
-            dt = ti.cast(finish - left, ti.f32)
-            begin, share = ti.cast(left - elapsed, ti.f32) / duration, dt / duration
-            error, walk = errors.draw(features, own, physics, terms, i, slot, step, dt)
-            among = 0  # which member of an ensemble of forcings it drifts in
-            if ti.static(features & MEMBERS):
-                among = own.member_of[i]
-            drifter = Drifter(line=_line(features, own, i), error=error, member=among)
-            x, y = core.lon[i], core.lat[i]
-            c0, s0 = sphere.cos_lat(y), sphere.sin_lat(y)
-            off = f32x2(0.0)
-            if ti.static(features & REFLOAT):
-                if state == ASHORE:
-                    x, y, east, north = shore.leave(x, y, c0, terms.offing, core.edge[i], coast)
-                    off = terms.direction * f32x2(east, north)
-            r = integrate.integrate(
-                velocity, ti.static(integrate.CLASSICAL if features & RK4 else integrate.MIDPOINT),
-                ti.static(bool(features & REFLOAT)), features, sea, drifter, x, y, c0, s0, terms.direction * dt,
-                begin, share, off,
-            )  # fmt: skip
-            if r[3] > 0.5:  # where the drift leads onto the beach, the particle waits for one that leads off it
-                dlon, dlat = r[0], r[1]
+            for j in range(width):
+                if held.waits[0, j] == 1:
+                    x, y, east, north = shore.leave(
+                        held.place[0, j], held.place[1, j], held.trig[0, j], terms.offing,
+                        core.edge[held.i[0, j]], coast,
+                    )  # fmt: skip
+                    held.place[0, j], held.place[1, j] = x, y
+                    held.off[0, j], held.off[1, j] = terms.direction * east, terms.direction * north
+        scheme = ti.static(integrate.CLASSICAL if features & RK4 else integrate.MIDPOINT)
+        # The loop runs at run time: unrolled it takes three times as long to compile and runs no faster.
+        for stage in range(ti.static(len(scheme[0]))):
+            entry = integrate.tableau(scheme, stage)
+            for j in range(width):
+                way = integrate.lead(
+                    velocity, ti.static(bool(features & REFLOAT)), features, sea, _drifter(features, held, j), _way(held, j),
+                    held.place[0, j], held.place[1, j], held.trig[0, j], held.trig[1, j],
+                    terms.direction * held.dt[0, j], held.begin[0, j] + entry[0] * held.share[0, j], entry,
+                    _off(features, held, j),
+                )  # fmt: skip
+                for k in ti.static(range(2)):
+                    held.last[k, j], held.total[k, j] = way.last[k], way.total[k]
+                held.valid[0, j], held.sets_off[0, j] = way.valid, way.sets_off
+        for j in range(width):
+            way = integrate.led(_way(held, j))
+            for k in ti.static(range(2)):
+                held.total[k, j] = way[k]
+            if ti.static(features & DIFFUSION):
+                way += errors.walked(f32x2(held.walk[0, j], held.walk[1, j]), held.trig[0, j], held.trig[1, j])
+            near = ti.max(ti.abs(way[0]), ti.abs(way[1])) < FARTHEST
+            for k in ti.static(range(2)):
+                held.move[k, j] = ti.cast(ti.round(ti.select(near, way[k], 0.0)), ti.i32)
+            held.known[0, j] = ti.cast(near & (held.valid[0, j] > 0.5), ti.i32)
+            if ti.static(features & COAST):
+                far = shore.is_far(
+                    ti.static(bool(features & DIFFUSION)), held.place[0, j], held.place[1, j],
+                    held.move[0, j], held.move[1, j], held.trig[0, j], held.variance[0, j], coast,
+                )  # fmt: skip
+                held.far[0, j] = ti.cast(far, ti.i32)
+        for j in range(width):
+            if held.moving[0, j] == 1:
+                _keep(features, j, held, own)
+            # Where the drift leads onto the beach, the particle waits for one that leads off it.
+            if held.moving[0, j] == 1 and held.sets_off[0, j] > 0.5:
+                i, slot = held.i[0, j], held.slot[0, j]
+                x, y, left, finish = held.place[0, j], held.place[1, j], held.left[0, j], held.finish[0, j]
                 if ti.static(features & REFLOAT):
                     core.moving_since[i] = left
                 if ti.static(features & DIVERGENCE):
-                    x_half, y_half = x + ti.cast(0.5 * dlon, ti.i32), y + ti.cast(0.5 * dlat, ti.i32)
-                    middle = begin + 0.5 * share
-                    core.log_weight[i] -= dt * integrate.divergence(
-                        velocity, features, sea, drifter, x_half, y_half, middle
+                    x_half, y_half = (
+                        x + ti.cast(0.5 * held.total[0, j], ti.i32),
+                        y + ti.cast(0.5 * held.total[1, j], ti.i32),
                     )
-                if ti.static(features & DIFFUSION):
-                    way = errors.walked(walk, c0, s0)
-                    dlon, dlat = dlon + way[0], dlat + way[1]
-                move_lon, move_lat, known = 0, 0, False
-                if ti.max(ti.abs(dlon), ti.abs(dlat)) < FARTHEST:
-                    move_lon, move_lat = ti.cast(ti.round(dlon), ti.i32), ti.cast(ti.round(dlat), ti.i32)
-                    known = r[2] > 0.5
+                    core.log_weight[i] -= held.dt[0, j] * integrate.divergence(
+                        velocity, features, sea, _drifter(features, held, j), x_half, y_half,
+                        held.begin[0, j] + 0.5 * held.share[0, j],
+                    )  # fmt: skip
+                move_lon, move_lat, known = held.move[0, j], held.move[1, j], held.known[0, j] == 1
                 x_end, y_end = x + move_lon, y + move_lat
                 met, number, part = 0, -1, ti.cast(1.0, ti.f32)
                 if ti.static(features & COAST):
                     # The shore is asked first: a stage may lie inland, behind it, and find no forcing only for that.
-                    met, x_end, y_end, part, number = shore.meet(
-                        ti.static(bool(features & DIFFUSION)), ti.static(bool(features & SLIDE)),
-                        x, y, move_lon, move_lat, c0,
-                        2.0 * physics.diffusivity * dt, terms.coast0, terms.coast1, slot, step, coast,
-                    )  # fmt: skip
+                    if held.far[0, j] == 0:
+                        met, x_end, y_end, part, number = shore.meet(
+                            ti.static(bool(features & DIFFUSION)), ti.static(bool(features & SLIDE)),
+                            x, y, move_lon, move_lat, held.trig[0, j],
+                            held.variance[0, j], terms.coast0, terms.coast1, slot, step, coast,
+                        )  # fmt: skip
                     if ti.static(features & SLIDE):
                         if x_end != x + move_lon or y_end != y + move_lat:
                             known = True  # it slid along the shore: a stage that found no forcing lay inland
@@ -273,6 +393,7 @@ def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) ->
         | SLIDE * (coastal and place.beach.slides)
         | DIVERGENCE * place.divergence
         | DEBRIS * (place.debris > 0)
+        | LAYERS * any(last - first > 1 for first, last in ranges.values())
     )
 
 
@@ -317,9 +438,12 @@ def mover(
     seed0, seed1 = noise.key(ensemble.seed)
     coastal = Purpose.DEBRIS_COAST if place.debris else Purpose.RUN
     coast0, coast1 = noise.key(ensemble.seed, coastal, place.debris)
+    needed = features(ranges, physics, place) | MEMBERS * (tiles.members > 1)
     args = (
-        features(ranges, physics, place) | MEMBERS * (tiles.members > 1),
+        needed,
         velocity,
+        bundle.width(),
+        bundle.held(**_rows(needed)),
         own.listed,
         own.first,
         own.last,

@@ -178,17 +178,15 @@ def _first(lon, lat, sx, sy, coast: ti.template()):
 def is_clear(lon, lat, reach, coast: ti.template()):
     """Return 1 if no move of at most `reach` units along each axis can meet the coast.
 
-    This costs one look-up of a cell's byte.
+    This costs one look-up of a cell's byte, and no branch.
     """
     frame = coast.frame
-    clear = reach == 0
     column = ti.cast(ti.bit_shr(ti.cast(lon - frame[0], ti.u32), frame[2]), ti.i32)
     row = ti.cast((ti.cast(lat, ti.i64) - frame[1]) >> frame[2], ti.i32)
-    if column < frame[3] and row >= 0 and row < frame[4]:
-        away = ti.cast(coast.cell[row * frame[3] + column], ti.i32) & 127
-        # A move of k cells' width ends at most k cells away, wherever in the cell it begins; k < away is clear.
-        clear = clear or reach <= (away - 1) << frame[2]
-    return clear
+    inside = (column < frame[3]) & (row >= 0) & (row < frame[4])
+    away = ti.cast(coast.cell[ti.select(inside, row * frame[3] + column, 0)], ti.i32) & 127
+    # A move of k cells' width ends at most k cells away, wherever in the cell it begins; k < away is clear.
+    return (reach == 0) | (inside & (reach <= (away - 1) << frame[2]))
 
 
 @ti.func

@@ -1,22 +1,39 @@
 """What chance does to a step: errors of the forcing that decorrelate in time, a random walk, and jibes."""
 
+from typing import NamedTuple
+
 import taichi as ti
 
 from kernels import noise, sphere
 from kernels.features import BIAS, DEBRIS, DIFFUSION, ERRORS, JIBE, WIND
 
 f32x2 = ti.types.vector(2, ti.f32)
-f32x4 = ti.types.vector(4, ti.f32)
+
+
+class Physics(NamedTuple):
+    """How the objects of one scenario move, besides the forcing; each term is off at zero."""
+
+    current_std: float = 0.0  # [m/s] of the current's error, a component
+    current_time: float = 1.0  # [s] its decorrelation time
+    wind_std: float = 0.0
+    wind_time: float = 1.0
+    diffusivity: float = 0.0  # [m2/s]
+    jibe_rate: float = 0.0  # [1/s]
 
 
 @ti.func
-def transition(old: f32x2, std: ti.f32, time: ti.f32, dt: ti.f32, normal: f32x2) -> f32x2:
-    """Return an Ornstein-Uhlenbeck process dt [s] after it was `old`.
+def kept(time: ti.f32, dt: ti.f32) -> ti.f32:
+    """Return the share of itself that an Ornstein-Uhlenbeck process of decorrelation time `time` [s] keeps over dt [s]."""
+    return ti.exp(-dt / time)
 
-    Its standard deviation is std, its decorrelation time is `time` [s]. The transition is exact for any dt (Gillespie
-    1996, doi:10.1103/PhysRevE.54.2084, eq. 1.9).
+
+@ti.func
+def transition(old: f32x2, std: ti.f32, keep: ti.f32, normal: f32x2) -> f32x2:
+    """Return an Ornstein-Uhlenbeck process some time after it was `old`, of which it keeps `keep`: see `kept`.
+
+    Its standard deviation is std. The transition is exact for any time (Gillespie 1996,
+    doi:10.1103/PhysRevE.54.2084, eq. 1.9).
     """
-    keep = ti.exp(-dt / time)
     kick = std * ti.sqrt(1.0 - keep * keep)
     return keep * old + kick * normal
 
@@ -47,45 +64,56 @@ def walked(walk: f32x2, c: ti.f32, s: ti.f32) -> f32x2:
 @ti.func
 def draw(
     features: ti.template(),
-    own: ti.template(),
-    physics: ti.template(),
+    width: ti.template(),
+    held: ti.template(),
+    table: ti.template(),
     terms: ti.template(),
-    i: ti.i32,
-    slot: ti.i32,
     step: ti.i32,
-    dt: ti.f32,
 ):
-    """Return (error, walk) of particle i over dt [s] of a lattice step, and update its errors and its side.
+    """Draw what chance does to the particles of a bundle over their parts dt [s] of a lattice step.
 
-    error: of current and wind, east and north [m/s], the mean of those at begin and end of the step; walk: east and
-    north [m]. own, physics, terms: see kernels.advance; slot: the particle's in the whole run, the key of its noise.
+    held: see kernels.advance. Read: story, slot (in the whole run, the key of its noise), dt, bias. Made new: errors of
+    current and wind, east and north [m/s], and the side. Written: `error`, the mean of those at begin and end of the
+    step, with the bias, and `walk`, east and north [m], of the variance 2 D dt [m2]. table: the `Physics` of
+    each scenario; terms: see kernels.advance.
     """
-    error, walk = f32x4(0.0), f32x2(0.0)
-    if ti.static(features & (DIFFUSION | ERRORS)):
-        w = noise.words(terms.seed0, terms.seed1, noise.STREAM_STEP, slot, step)
+    wind = ti.static(bool(features & (JIBE | ERRORS) and features & WIND))
+    # What calls a library stands in a loop of its own: see kernels.bundle.
+    for j in range(width):
+        at, slot, dt = held.story[0, j] * ti.static(len(Physics._fields)), held.slot[0, j], held.dt[0, j]
+        if ti.static(features & (DIFFUSION | ERRORS)):
+            w = noise.words(terms.seed0, terms.seed1, noise.STREAM_STEP, slot, step)
+            if ti.static(features & ERRORS):
+                held.log[1, j], held.word[1, j] = ti.log(noise.uniform(w[2])), w[3]
+                held.keep[0, j] = kept(table[at + 1], dt)
+            if ti.static(features & DIFFUSION):
+                if ti.static(features & DEBRIS):  # debris shares only the errors of the forcing with the object
+                    w = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
+                held.log[0, j], held.word[0, j] = ti.log(noise.uniform(w[0])), w[1]
+        if ti.static(wind):
+            w = noise.words(terms.seed0, terms.seed1, noise.STREAM_WIND, slot, step)
+            if ti.static(features & ERRORS):
+                held.log[2, j], held.word[2, j] = ti.log(noise.uniform(w[0])), w[1]
+                held.keep[1, j] = kept(table[at + 3], dt)
+            if ti.static(features & JIBE):
+                if ti.static(features & DEBRIS):
+                    w = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
+                if jibed(table[at + 5], dt, noise.uniform(w[2])):
+                    held.side[0, j] = -held.side[0, j]
+    for j in range(width):
+        at, dt = held.story[0, j] * ti.static(len(Physics._fields)), held.dt[0, j]
         if ti.static(features & DIFFUSION):
-            walk = noise.normals(w[0], w[1]) * ti.sqrt(2.0 * physics.diffusivity * dt)
-            if ti.static(features & DEBRIS):  # debris shares only the errors of the forcing with the object
-                v = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
-                walk = noise.normals(v[0], v[1]) * ti.sqrt(2.0 * physics.diffusivity * dt)
+            held.variance[0, j] = 2.0 * table[at + 4] * dt
+            walk = noise.turned(held.log[0, j], held.word[0, j]) * ti.sqrt(held.variance[0, j])
+            held.walk[0, j], held.walk[1, j] = walk[0], walk[1]
         if ti.static(features & ERRORS):
-            old = f32x2(own.current_error_east[i], own.current_error_north[i])
-            new = transition(old, physics.current_std, physics.current_time, dt, noise.normals(w[2], w[3]))
-            own.current_error_east[i], own.current_error_north[i] = new[0], new[1]
-            error[0], error[1] = 0.5 * (old[0] + new[0]), 0.5 * (old[1] + new[1])
-    if ti.static(features & BIAS):
-        error[0] += own.current_bias_east[i]
-        error[1] += own.current_bias_north[i]
-    if ti.static(features & (JIBE | ERRORS) and features & WIND):
-        w = noise.words(terms.seed0, terms.seed1, noise.STREAM_WIND, slot, step)
-        if ti.static(features & ERRORS):
-            old = f32x2(own.wind_error_east[i], own.wind_error_north[i])
-            new = transition(old, physics.wind_std, physics.wind_time, dt, noise.normals(w[0], w[1]))
-            own.wind_error_east[i], own.wind_error_north[i] = new[0], new[1]
-            error[2], error[3] = 0.5 * (old[0] + new[0]), 0.5 * (old[1] + new[1])
-        if ti.static(features & JIBE):
-            if ti.static(features & DEBRIS):
-                w = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
-            if jibed(physics.jibe_rate, dt, noise.uniform(w[2])):
-                own.side[i] = -own.side[i]
-    return error, walk
+            for k in ti.static(range(2 if wind else 1)):  # the current's, the wind's
+                normal = noise.turned(held.log[1 + k, j], held.word[1 + k, j])
+                old = f32x2(held.errors[2 * k, j], held.errors[2 * k + 1, j])
+                new = transition(old, table[at + 2 * k], held.keep[k, j], normal)
+                for m in ti.static(range(2)):
+                    held.errors[2 * k + m, j] = new[m]
+                    held.error[2 * k + m, j] = 0.5 * (old[m] + new[m])
+        if ti.static(features & BIAS):
+            held.error[0, j] += held.bias[0, j]
+            held.error[1, j] += held.bias[1, j]

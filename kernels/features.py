@@ -3,7 +3,22 @@
 What is not asked for is not compiled.
 """
 
-CURRENT, WIND, STOKES, ERRORS, DIFFUSION, JIBE, COAST, RK4, BIAS, SINK, REFLOAT, SLIDE, DIVERGENCE, DEBRIS, MEMBERS = (
-    1 << k for k in range(15)
-)
+(
+    CURRENT,
+    WIND,
+    STOKES,
+    ERRORS,
+    DIFFUSION,
+    JIBE,
+    COAST,
+    RK4,
+    BIAS,
+    SINK,
+    REFLOAT,
+    SLIDE,
+    DIVERGENCE,
+    DEBRIS,
+    LAYERS,
+    MEMBERS,
+) = (1 << k for k in range(16))  # LAYERS: a quantity of the forcing has several tiles
 FORCING = {"current": CURRENT, "wind": WIND, "stokes": STOKES}  # terms of kernels.velocity, by quantity

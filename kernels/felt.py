@@ -58,7 +58,7 @@ def _feel(
             error, since = old, ti.cast(begin - elapsed, ti.f32)
             if middle == 1:
                 w = noise.words(seed0, seed1, noise.STREAM_FELT, i + shift[columns.scenario[i]], step)
-                new = errors.transition(old, std, memory, dt, noise.normals(w[0], w[1]))
+                new = errors.transition(old, std, errors.kept(memory, dt), noise.normals(w[0], w[1]))
                 own.current_error_east[i], own.current_error_north[i] = new[0], new[1]
                 error, since = 0.5 * (old + new), since + 0.5 * dt
             fraction = since / ti.cast(duration, ti.f32)

@@ -18,7 +18,6 @@ MIDPOINT = ((0.0, 1 / 2), (0.0, 1.0))
 CLASSICAL = ((0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6))
 
 f32x2 = ti.types.vector(2, ti.f32)
-f32x4 = ti.types.vector(4, ti.f32)
 
 
 @ti.func
@@ -33,58 +32,69 @@ def tableau(scheme: ti.template(), stage: ti.i32) -> f32x2:
     return f32x2(at, part)
 
 
+@ti.dataclass
+class Way:
+    """How far a step has led, stage after stage [binary angle units]; the first stage is given zeros, valid of 1."""
+
+    last: f32x2  # (dlon, dlat) over the whole step at the velocity of its last stage that found forcing
+    total: f32x2  # the sum of the stages so far
+    valid: ti.f32  # 0 once a stage has found no forcing
+    sets_off: ti.f32  # 0 where the first stage did not lead off the beach
+
+
 @ti.func
-def integrate(
+def lead(
     velocity: ti.template(),
-    scheme: ti.template(),
     beached: ti.template(),
     features: ti.template(),
     sea: ti.template(),
     own: ti.template(),
+    way: ti.template(),
     lon: ti.i32,
     lat: ti.i32,
     c0: ti.f32,
     s0: ti.f32,
     dt: ti.f32,
-    begin: ti.f32,
-    share: ti.f32,
+    fraction: ti.f32,
+    entry: f32x2,
     off: f32x2,
-) -> f32x4:
-    """Return (dlon, dlat, valid, sets off) [binary angle units] over dt [s, signed].
+) -> Way:
+    """Return the `Way` after a further stage of a step over dt [s, signed] from (lon, lat).
 
-    dt is a share of the lattice step, from `begin` on.
-
-    scheme: MIDPOINT, of order 2, or CLASSICAL, of order 4 (Kutta 1901), in the coordinates lon and lat themselves:
-    stages of east and north metres, added up and wrapped afterwards, would be of first order. c0, s0: cosine and sine
-    of lat. Where a stage finds no forcing, valid is 0 and the displacement is that of the last stage that found some:
-    the coast may still stop the particle on the way.
+    The scheme is MIDPOINT, of order 2, or CLASSICAL, of order 4 (Kutta 1901), in the coordinates lon and lat themselves:
+    stages of east and north metres, added up and wrapped afterwards, would be of first order. entry: of its `tableau`;
+    fraction: of the lattice step, at which the stage stands. c0, s0: cosine and sine of lat.
 
     beached: whether a particle may lie on a beach. Then `off` (east, north) points off the beach, and the particle sets
-    off only if the drift has a component along it; `off` is zero for a particle that is afloat. If the particle does
-    not set off, the displacement means nothing.
+    off only if the drift of the first stage has a component along it; `off` is zero for a particle that is afloat. If
+    the particle does not set off, the displacement means nothing. There is no branch in it: see kernels.bundle.
     """
     scale_lat = dt * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))  # m/s -> units of latitude in this step
-    dlon, dlat, sum_lon, sum_lat, valid, sets_off = 0.0, 0.0, 0.0, 0.0, 1.0, 1.0
-    # The loop runs at run time: unrolled it takes three times as long to compile and runs no faster.
-    for stage in range(ti.static(len(scheme[0]))):
-        at, part = tableau(scheme, stage)
-        d = at * dlat * ti.f32(sphere.UNIT)
-        c = c0 - d * (s0 + d * (0.5 * c0 - d * s0 * (1.0 / 6.0)))  # cos(lat + d), |d| < 0.02: error 7e-9
-        x, y = lon + ti.cast(at * dlon, ti.i32), lat + ti.cast(at * dlat, ti.i32)
-        r = velocity(features, sea, own, x, y, begin + at * share)
-        if ti.static(beached):
-            if stage == 0 and (off[0] != 0.0 or off[1] != 0.0):
-                if r[2] < 0.5 or r[0] * off[0] + r[1] * off[1] <= 0.0:
-                    sets_off = 0.0
-                    break
-        valid *= r[2]
-        if valid > 0.5:
-            dlon, dlat = r[0] * scale_lat / c, r[1] * scale_lat
-        sum_lon += part * dlon
-        sum_lat += part * dlat
-    if valid < 0.5:
-        sum_lon, sum_lat = dlon, dlat  # the way that the last valid stage leads
-    return f32x4(sum_lon, sum_lat, valid, sets_off)
+    d = entry[0] * way.last[1] * ti.f32(sphere.UNIT)
+    c = c0 - d * (s0 + d * (0.5 * c0 - d * s0 * (1.0 / 6.0)))  # cos(lat + d), |d| < 0.02: error 7e-9
+    x, y = lon + ti.cast(entry[0] * way.last[0], ti.i32), lat + ti.cast(entry[0] * way.last[1], ti.i32)
+    r = velocity(features, sea, own, x, y, fraction)
+    sets_off = way.sets_off
+    if ti.static(beached):
+        first = (entry[0] == 0.0) & ((off[0] != 0.0) | (off[1] != 0.0))
+        stays = first & ((r[2] < 0.5) | (r[0] * off[0] + r[1] * off[1] <= 0.0))
+        sets_off = ti.select(stays, 0.0, sets_off)
+    valid = way.valid * r[2]
+    dlon = ti.select(valid > 0.5, r[0] * scale_lat / c, way.last[0])
+    dlat = ti.select(valid > 0.5, r[1] * scale_lat, way.last[1])
+    last = f32x2(dlon, dlat)
+    return Way(last=last, total=way.total + entry[1] * last, valid=valid, sets_off=sets_off)
+
+
+@ti.func
+def led(way: ti.template()) -> f32x2:
+    """Return (dlon, dlat) [binary angle units] of a whole step.
+
+    Where a stage found no forcing it is that of the last stage that found some: the coast may still stop the particle on
+    the way.
+    """
+    known = way.valid >= 0.5
+    return f32x2(ti.select(known, way.total[0], way.last[0]), ti.select(known, way.total[1], way.last[1]))
 
 
 @ti.func

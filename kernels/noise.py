@@ -58,7 +58,7 @@ def words(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, slot: ti.i32, step: ti.i
 
 @ti.func
 def further(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, slot: ti.i32, step: ti.i32, number: ti.i32) -> u32x4:
-    """Return four words of a stream for one slot and lattice step that needs several; number: from 1.
+    """Return four words of a stream for one slot and lattice step; number: from 1 where one needs several.
 
     They are those of `philox`, whose rounds are looped here: what is drawn seldom compiles in a tenth of the time.
     """
@@ -85,7 +85,13 @@ def uniform(word: ti.u32) -> ti.f32:
 @ti.func
 def normals(a: ti.u32, b: ti.u32) -> f32x2:
     """Return two independent standard normals (Box and Muller 1958), tails to 5.8 standard deviations."""
-    r = ti.sqrt(-ti.log(uniform(a)))  # sqrt(-2 log u), times the diagonal's sqrt(1/2)
+    return turned(ti.log(uniform(a)), b)
+
+
+@ti.func
+def turned(log: ti.f32, b: ti.u32) -> f32x2:
+    """Return the two normals of the logarithm of `uniform(a)`: `normals` without its call of a library."""
+    r = ti.sqrt(-log)  # sqrt(-2 log u), times the diagonal's sqrt(1/2)
     t = 4.0 * uniform(b)
     quadrant = ti.cast(t, ti.i32)
     # Cosine and sine of the angle from the quadrant's diagonal, at most 45 degrees, come from their series, with an

@@ -56,6 +56,45 @@ def ordered(ranges: Ranges) -> tuple[int, ...]:
 
 
 @ti.func
+def of_tile(
+    members: ti.template(),
+    sea: ti.template(),
+    tile: ti.i32,
+    lon: ti.i32,
+    lat: ti.i32,
+    fraction: ti.f32,
+    member: ti.i32,
+) -> f32x3:
+    """Return (east, north, valid) of one tile; zeros where it does not know the point.
+
+    fraction: of the step. members: whether any tile has members, known when this is compiled; member: the point's own.
+
+    It reads four nodes even then, and so does without a branch: see kernels.bundle.
+    """
+    nodes, where, scale = ti.static(sea.nodes, sea.where, sea.scale)
+    w, s = tile * WHERE, tile * SCALE
+    # Differences are taken modulo a turn: a tile may lie across the antimeridian, and what lies west or south of it
+    # comes out far east or north.
+    x = ti.cast(ti.cast(lon - where[w + 1], ti.u32), ti.f32) * scale[s]
+    y = ti.cast(ti.cast(lat - where[w + 2], ti.u32), ti.f32) * scale[s + 1]
+    ix = ti.max(ti.cast(ti.min(x, scale[s + 2] - 0.5), ti.i32), 0)  # the last node belongs to the cell before it
+    iy = ti.max(ti.cast(ti.min(y, scale[s + 3] - 0.5), ti.i32), 0)
+    fx, fy = x - ix, y - iy
+    a = where[w] + iy * where[w + 3] + ix
+    if ti.static(members):
+        a += member * where[w + 5]
+    b = a + where[w + 3]
+    lower = nodes[a] + fx * (nodes[a + 1] - nodes[a])
+    upper = nodes[b] + fx * (nodes[b + 1] - nodes[b])
+    both = lower + fy * (upper - lower)  # (east, north) at the earlier and at the later time
+    alpha = scale[s + 4] + scale[s + 5] * fraction
+    u = both[0] + alpha * (both[2] - both[0])
+    v = both[1] + alpha * (both[3] - both[1])
+    known = (x <= scale[s + 2]) & (y <= scale[s + 3]) & (u + v == u + v)  # the last: not NaN
+    return f32x3(ti.select(known, u, 0.0), ti.select(known, v, 0.0), ti.select(known, 1.0, 0.0))
+
+
+@ti.func
 def sample(
     members: ti.template(),
     sea: ti.template(),
@@ -71,34 +110,13 @@ def sample(
     Of each group the first tile that knows the point answers. sea: a `Sea`; fraction: of the step. first must begin a
     group, last end one. members: whether any tile has members, known when this is compiled; member: the point's own.
     """
-    nodes, where, scale = ti.static(sea.nodes, sea.where, sea.scale)
+    where = ti.static(sea.where)
     east, north, valid = 0.0, 0.0, 0.0
     tile = first
     while tile < last:
-        w, s = tile * WHERE, tile * SCALE
-        valid = 0.0
-        # Differences are taken modulo a turn: a tile may lie across the antimeridian, and what lies west or south of it
-        # comes out far east or north.
-        x = ti.cast(ti.cast(lon - where[w + 1], ti.u32), ti.f32) * scale[s]
-        y = ti.cast(ti.cast(lat - where[w + 2], ti.u32), ti.f32) * scale[s + 1]
-        if x <= scale[s + 2] and y <= scale[s + 3]:
-            ix = ti.cast(ti.min(x, scale[s + 2] - 0.5), ti.i32)  # the last node belongs to the cell before it
-            iy = ti.cast(ti.min(y, scale[s + 3] - 0.5), ti.i32)
-            fx, fy = x - ix, y - iy
-            a = where[w] + iy * where[w + 3] + ix
-            if ti.static(members):
-                a += member * where[w + 5]
-            b = a + where[w + 3]
-            lower = nodes[a] + fx * (nodes[a + 1] - nodes[a])
-            upper = nodes[b] + fx * (nodes[b + 1] - nodes[b])
-            both = lower + fy * (upper - lower)  # (east, north) at the earlier and at the later time
-            alpha = scale[s + 4] + scale[s + 5] * fraction
-            u = both[0] + alpha * (both[2] - both[0])
-            v = both[1] + alpha * (both[3] - both[1])
-            if u + v == u + v:  # not NaN
-                east += u
-                north += v
-                valid = 1.0
+        w = tile * WHERE
+        r = of_tile(members, sea, tile, lon, lat, fraction, member)
+        east, north, valid = east + r[0], north + r[1], r[2]
         if valid > 0.5:
             tile = where[w + 4]  # the next group
         else:

@@ -176,9 +176,7 @@ def piece(j, pieces, rest_lon, rest_lat, v, c, seed0, seed1, slot, step):
     v: variance [m2] of each piece. rest_lon, rest_lat: what is left to walk; the last piece takes all of it, which
     makes the walk a Brownian bridge. seed0, seed1, slot, step: the key of its noise.
     """
-    w = noise.philox(
-        ti.cast(slot, ti.u32), ti.cast(step, ti.u32), ti.u32(noise.STREAM_COAST), ti.cast(2 * j, ti.u32), seed0, seed1
-    )
+    w = noise.further(seed0, seed1, noise.STREAM_COAST, slot, step, 2 * j)
     left = ti.cast(pieces - j, ti.f32)
     dlon, dlat = rest_lon, rest_lat
     if j < pieces - 1:
@@ -201,6 +199,16 @@ def mirrored(dlon, dlat, after, nx, ny, c):
 
 
 @ti.func
+def is_far(walks: ti.template(), lon, lat, dlon, dlat, c, variance, coast: ti.template()):
+    """Return whether a step, of which `meet` would tell, ends where it leads: it is too far from the shore to meet it."""
+    span = ti.max(ti.abs(dlon), ti.abs(dlat))
+    if ti.static(walks):
+        # Beyond 2.9 standard deviations of the walk no bridge comes back with a chance of 2^-24.
+        span += ti.cast(2.9 * ti.sqrt(variance) / (c * ti.f32(METRES)), ti.i32) + 1
+    return is_clear(lon, lat, span, coast)
+
+
+@ti.func
 def meet(
     walks: ti.template(),
     slides: ti.template(),
@@ -216,7 +224,7 @@ def meet(
     step,
     coast: ti.template(),
 ):
-    """Return (met, lon, lat, part, edge number): how a step (dlon, dlat) from water ends.
+    """Return (met, lon, lat, part, edge number): how a step (dlon, dlat) from water ends that is not `is_far`.
 
     met: whether it ends on the shore.
 
@@ -229,17 +237,12 @@ def meet(
     and led `along` each further edge in turn.
     """
     k = ti.f32(METRES)
-    pieces, near = 1, True
+    pieces = 1
     if ti.static(walks):
         pieces = ti.min(ti.max(ti.cast(ti.ceil(variance / (PIECE * PIECE)), ti.i32), 1), MOST_PIECES)
-        # Beyond 2.9 standard deviations of the walk no bridge comes back with a chance of 2^-24.
-        span = ti.max(ti.abs(dlon), ti.abs(dlat)) + ti.cast(2.9 * ti.sqrt(variance) / (c * k), ti.i32) + 1
-        near = not is_clear(lon, lat, span, coast)
     v = variance / ti.cast(pieces, ti.f32)
     x, y, rest_lon, rest_lat = lon, lat, dlon, dlat
     met, part, number = 0, ti.cast(1.0, ti.f32), -1
-    if not near:
-        x, y, pieces = lon + dlon, lat + dlat, 0
     for j in range(pieces):
         if met == 0:
             move_lon, move_lat, chance = rest_lon, rest_lat, ti.cast(0.0, ti.f32)
@@ -291,10 +294,7 @@ def meet(
                 met = 0
             elif met == 1:
                 if ti.static(walks):
-                    w = noise.philox(
-                        ti.cast(slot, ti.u32), ti.cast(step, ti.u32), ti.u32(noise.STREAM_COAST),
-                        ti.cast(2 * j + 1, ti.u32), seed0, seed1,
-                    )  # fmt: skip
+                    w = noise.further(seed0, seed1, noise.STREAM_COAST, slot, step, 2 * j + 1)
                     n = noise.normals(w[0], w[1])
                     share = landing(share, before, v, n[0], noise.uniform(w[2]))
                 part = (ti.cast(j, ti.f32) + share) / ti.cast(pieces, ti.f32)

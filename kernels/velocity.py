@@ -2,12 +2,12 @@
 
 import taichi as ti
 
-from kernels.features import CURRENT, MEMBERS, STOKES, WIND
-from kernels.sample import position, sample
+from kernels.features import CURRENT, LAYERS, MEMBERS, STOKES, WIND
+from kernels.sample import of_tile, position, sample
 
 # Where `Sea.ranges` holds the first and the last tile of each.
 CURRENT_FROM, WIND_FROM, STOKES_FROM = (position(quantity) for quantity in ("current", "wind", "stokes"))
-CURRENT_TO, WIND_TO, STOKES_TO = CURRENT_FROM + 1, WIND_FROM + 1, STOKES_FROM + 1
+CURRENT_TO = CURRENT_FROM + 1
 
 f32x3 = ti.types.vector(3, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
@@ -36,6 +36,26 @@ def leeway(line: f32x4, wind_east: ti.f32, wind_north: ti.f32) -> ti.types.vecto
 
 
 @ti.func
+def _of(
+    features: ti.template(),
+    sea: ti.template(),
+    own: ti.template(),
+    place: ti.template(),
+    lon: ti.i32,
+    lat: ti.i32,
+    fraction: ti.f32,
+) -> f32x3:
+    """Return (east, north, valid) [m/s] of a quantity, whose tiles stand at a place of `Sea.ranges`."""
+    members = ti.static(bool(features & MEMBERS))
+    first, r = sea.ranges[place], f32x3(0.0)
+    if ti.static(features & LAYERS):
+        r = sample(members, sea, first, sea.ranges[place + 1], lon, lat, fraction, own.member)
+    else:
+        r = of_tile(members, sea, first, lon, lat, fraction, own.member)
+    return r
+
+
+@ti.func
 def drift(
     features: ti.template(), sea: ti.template(), own: ti.template(), lon: ti.i32, lat: ti.i32, fraction: ti.f32
 ) -> f32x3:
@@ -44,16 +64,15 @@ def drift(
     sea: kernels.sample.Sea; own: a `Drifter`; lon, lat [binary angle]; fraction: of the step. valid: 0 where forcing is
     missing.
     """
-    members = ti.static(bool(features & MEMBERS))
     u, v, valid = own.error[0], own.error[1], 1.0
     if ti.static(features & CURRENT):
-        c = sample(members, sea, sea.ranges[CURRENT_FROM], sea.ranges[CURRENT_TO], lon, lat, fraction, own.member)
+        c = _of(features, sea, own, CURRENT_FROM, lon, lat, fraction)
         u, v, valid = u + c[0], v + c[1], c[2]
     if ti.static(features & STOKES):
-        s = sample(members, sea, sea.ranges[STOKES_FROM], sea.ranges[STOKES_TO], lon, lat, fraction, own.member)
+        s = _of(features, sea, own, STOKES_FROM, lon, lat, fraction)
         u, v, valid = u + s[0], v + s[1], valid * s[2]
     if ti.static(features & WIND):
-        w = sample(members, sea, sea.ranges[WIND_FROM], sea.ranges[WIND_TO], lon, lat, fraction, own.member)
+        w = _of(features, sea, own, WIND_FROM, lon, lat, fraction)
         way = leeway(own.line, w[0] + own.error[2], w[1] + own.error[3])
         u, v, valid = u + way[0], v + way[1], valid * w[2]
     return f32x3(u, v, valid)

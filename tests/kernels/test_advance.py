@@ -26,7 +26,7 @@ def reals(*values: np.ndarray) -> list[np.ndarray]:
 @ti.kernel
 def _transition(east: Reals, north: Reals, std: ti.f32, time: ti.f32, dt: ti.f32, a: Reals, b: Reals, out: Reals):
     for i in range(east.shape[0]):
-        new = errors.transition(f32x2(east[i], north[i]), std, time, dt, f32x2(a[i], b[i]))
+        new = errors.transition(f32x2(east[i], north[i]), std, errors.kept(time, dt), f32x2(a[i], b[i]))
         out[2 * i], out[2 * i + 1] = new[0], new[1]
 
 
@@ -201,12 +201,15 @@ def _integrate(
 ):
     for i in range(lat.shape[0]):
         phi = lat[i] * ti.f32(UNIT)
-        r = integrate.integrate(
-            shear, ti.static(integrate.CLASSICAL if scheme == 4 else integrate.MIDPOINT), True, ends, 0, speed,
-            12345, lat[i], ti.cos(phi), ti.sin(phi), dt, 0.125, 0.5, f32x2(east[i], north[i]),
-        )  # fmt: skip
-        for k in ti.static(range(4)):
-            out[4 * i + k] = r[k]
+        way = integrate.Way(last=f32x2(0.0), total=f32x2(0.0), valid=1.0, sets_off=1.0)
+        for stage in range(ti.static(scheme)):  # a scheme of order 2 or 4 has as many stages
+            entry = integrate.tableau(ti.static(integrate.CLASSICAL if scheme == 4 else integrate.MIDPOINT), stage)
+            way = integrate.lead(
+                shear, True, ends, 0, speed, way, 12345, lat[i], ti.cos(phi), ti.sin(phi), dt, 0.125 + entry[0] * 0.5,
+                entry, f32x2(east[i], north[i]),
+            )  # fmt: skip
+        led = integrate.led(way)
+        out[4 * i], out[4 * i + 1], out[4 * i + 2], out[4 * i + 3] = led[0], led[1], way.valid, way.sets_off
 
 
 def stages(scheme: tuple, lat: float, dt: float, speed: float, known: float) -> tuple[float, float, float]:
