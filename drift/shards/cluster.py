@@ -42,7 +42,7 @@ def connected(workers: int | None, address: str | None) -> Iterator[Any]:
             )
             address = stack.enter_context(local)
         try:
-            client = stack.enter_context(distributed.Client(address, timeout=PATIENCE))
+            client = stack.enter_context(distributed.Client(address, timeout=PATIENCE, set_as_default=False))
         except (OSError, TimeoutError, ValueError) as error:
             raise UserError(f"--cluster {address}: no cluster answers there ({_line(error)})") from error
         yield client
@@ -91,7 +91,7 @@ def moved(client: Any, folder: Path, units: Sequence[Unit], tell: Callable[[floa
     check(client, folder)
     tasks = [client.submit(worker.move, str(folder), unit, pure=False, retries=0) for unit in units]
     try:
-        for done, task in enumerate(distributed.as_completed(tasks), 1):
+        for done, task in enumerate(distributed.as_completed(tasks, loop=client.loop), 1):
             if task.status == "error":
                 raise task.exception()
             if task.status != "finished":

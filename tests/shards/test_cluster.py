@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import dask
 import pytest
 import shards as runs
 
@@ -108,6 +109,7 @@ def test_the_schedulers_loss_is_one_line(case: drift.Case, made: drift.Result, t
             ) as error:
                 drift.run(case, out, client=client, shards=9, report=report)
     assert "\n" not in str(error.value)
+    assert dask.config.get("scheduler", None) is None  # else all that xarray writes from now on would ask the dead one
     assert len(list((out.parent / f".{out.name}{work.SUFFIX}").glob(work.INDICES))) >= 1
     runs.same(drift.run(case, out), made)
 

@@ -200,7 +200,7 @@ def test_closing_forcing_does_not_wait_for_a_server() -> None:
 
     still = sources.constant("current", 0.2, 0.1)
     winds = engine.Forcing([engine.Sources({"current": (replace(still, read=read),)})], 1)
-    winds._slices[0]._request(0)
+    winds._slices[0][0]._request(0)
     assert asked.wait(5)
     begin = time.monotonic()
     winds.close()

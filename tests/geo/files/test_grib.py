@@ -528,7 +528,7 @@ def test_closing_forcing_does_not_wait_for_a_library_that_hangs(size: int, tmp_p
     os.kill(stopped.process.pid, signal.SIGSTOP)
     still = replace(sources.constant("wind", 7.0, -3.0), read=lambda i: decoder.values(bytes(size)))
     winds = engine.Forcing([engine.Sources({"wind": (still,)})], 1)
-    reading = winds._slices[0]._request(0)
+    reading = winds._slices[0][0]._request(0)
     time.sleep(0.5)
     assert reading.running()
     begin = time.monotonic()
