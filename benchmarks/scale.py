@@ -76,6 +76,7 @@ def main() -> None:
     options.add_argument("--memory")
     options.add_argument("--shards", type=int)
     options.add_argument("--threads", type=int, default=2)
+    options.add_argument("--workers", type=int, help="of one thread each; memory is that of the first process alone")
     options.add_argument("--folder", type=Path, help="where files lie meanwhile (a real disk)")
     given = options.parse_args()
     particles, lon, lat = int(given.particles), -88.0, 26.5
@@ -105,12 +106,13 @@ def main() -> None:
         command += ["--threads", str(given.threads)]
         command += ["--memory", given.memory] if given.memory else []
         command += ["--shards", str(given.shards)] if given.shards else []
+        command += ["--workers", str(given.workers)] if given.workers else []
         begin = time.perf_counter()
         line, peak, disk = measured(command, folder)
         wall = time.perf_counter() - begin
         seconds = json.loads((folder / "out" / "summary.json").read_text())["wall_time_s"]
     print(
-        f"{particles:,} particles, {given.hours} h, {given.outputs} outputs, {given.threads} threads, memory {given.memory}, shards {given.shards}"
+        f"{particles:,} particles, {given.hours} h, {given.outputs} outputs, {given.threads} threads, memory {given.memory}, shards {given.shards}, workers {given.workers}"
     )
     print(f"wall {wall:.1f} s; " + ", ".join(f"{phase} {value:.1f}" for phase, value in seconds.items()))
     print(
