@@ -127,7 +127,7 @@ def _shards(job: Job) -> int:
     """Return into how many shards a job's run is cut: as the one before was, if it goes on from there."""
     workers = 1 if job.client is None else cluster.workers_of(job.client)
     many = divide.number(job.case, job.memory, job.shards, workers)
-    return many if job.shards else work.begun(job.out) or many
+    return many if job.shards or divide.possible(job.case) else work.begun(job.out) or many
 
 
 def _in_shards(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:

@@ -69,4 +69,4 @@ def same(one: drift.Result, other: drift.Result) -> None:
     summaries = [
         {key: value for key, value in result.summary.items() if key != "wall_time_s"} for result in (one, other)
     ]
-    assert json.dumps(summaries[0]) == json.dumps(summaries[1])
+    assert json.dumps(summaries[0], default=str) == json.dumps(summaries[1], default=str)

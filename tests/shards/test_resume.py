@@ -136,6 +136,29 @@ def test_a_file_that_was_cut_short_or_altered_is_made_again(
 
 
 @pytest.mark.usefixtures("unwritten")
+def test_a_search_over_an_unfinished_forecast_is_run_in_one_piece(case: drift.Case, tmp_path: Path) -> None:
+    """As many shards as the run before had would leave its sortie out."""
+    out = tmp_path / "out"
+    with pytest.raises(Stopped):
+        drift.run(case, out, shards=4, report=stopping(0.6))
+    sortie = """
+[[sortie]]
+name = "s"
+start = "+2 h"
+end = "+4 h"
+law = "random"
+pod = 0.7
+area = { polygon = [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]] }
+"""
+    (tmp_path / "searched.toml").write_text(case.text + sortie)
+    (tmp_path / "land.geojson").write_text(runs.SHORE)
+    searched = drift.load(tmp_path / "searched.toml")
+    done = drift.run(searched, out)
+    assert done.summary["search"]["sorties"]
+    runs.same(done, drift.run(searched))
+
+
+@pytest.mark.usefixtures("unwritten")
 def test_another_case_begins_anew_and_says_what_changed(
     case: drift.Case, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
