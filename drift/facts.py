@@ -22,7 +22,7 @@ from drift.output.chapter import Chapter
 from drift.particles.status import Status
 from drift.report import leaves
 from drift.report.leaves import Leaf
-from drift.start import Stage
+from drift.start import Setup
 from geo.files import digest
 from kernels import runtime
 
@@ -208,7 +208,7 @@ def numbers(
     case: Case,
     where: Environment,
     end: Survey,
-    stage: Stage,
+    setup: Setup,
     seconds: dict[str, float],
 ) -> dict[str, Any]:
     """Return the numbers of a run that are not in its forecast; end: its particles at its end."""
@@ -220,8 +220,8 @@ def numbers(
             "end": str(case.end),
             "particles": case.particles,
             "seed": case.seed,
-            "step_s": stage.clock.step,
-            "step_errors_m_per_day": {str(k): v for k, v in stage.trial.errors.items()} if stage.trial else None,
+            "step_s": setup.clock.step,
+            "step_errors_m_per_day": {str(k): v for k, v in setup.trial.errors.items()} if setup.trial else None,
             "scheme": case.scheme,
             "coast_behaviour": behaviour(case),
             "backend": runtime.backend(),
@@ -234,7 +234,7 @@ def numbers(
         "account": {status.name.lower(): float(by_status[status]) for status in Status},
         "scenario_weights": {
             s.name: {"prior": s.weight, "posterior": float(w), "prior_on_land": dry}
-            for s, w, dry in zip(case.scenarios, by_scenario, stage.dry, strict=True)
+            for s, w, dry in zip(case.scenarios, by_scenario, setup.dry, strict=True)
         },
         "forcing": [
             {

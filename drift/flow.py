@@ -49,10 +49,11 @@ from drift.spill import evidence, renewal
 from drift.spill.renewal import Aftermath, Drifted
 from drift.spill.strandings import Landings
 from drift.spill.worlds import Proposal
-from drift.start import Stage, Start
+from drift.start import Setup, Start
 from drift.suspend import chapter as suspend_chapter
 from drift.suspend import decision
 from drift.suspend.further import Planned
+from geo.array import Array
 from geo.errors import UserError
 from kernels import runtime
 
@@ -84,6 +85,8 @@ def run(
     """
     if client is not None and datasets:
         raise UserError("datasets: workers read files; write these to files and name them in the case")
+    if client is not None and backend != "cpu":
+        raise UserError(f"--backend {backend}: workers move particles on processors; leave it out")
     job = opened(case, Options(out, datasets, threads, backend, overwrite, report, memory, shards, client))
     result = forecasted(job)
     write(result, job)
@@ -96,7 +99,7 @@ def run(
 class Ended:
     """A run whose particles have been moved, before anything is made of them; they are read from its snapshots."""
 
-    stage: Stage
+    setup: Setup
     snapshots: Spool
     updates: Updates | None = None
     posteriors: Posteriors | None = None
@@ -125,18 +128,18 @@ def forecasted(job: Job, noted: Noted | None = None) -> Result:
 
 def _shards(job: Job) -> int:
     """Return into how many shards a job's run is cut: as the one before was, if it goes on from there."""
-    workers = 1 if job.client is None else cluster.workers_of(job.client)
+    workers = None if job.client is None else cluster.workers_of(job.client)
     many = divide.number(job.case, job.memory, job.shards, workers)
-    return many if job.shards or divide.possible(job.case) else work.begun(job.out) or many
+    return many if job.shards or divide.refusal(job.case) else work.begun(job.out) or many
 
 
 def _in_shards(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:
     """Return a job's run, moved in shards; its particles can be read as long as the stack is open."""
     with job.clock.phase("start"):
         whole = divide.prepare(job.case, job.where, many)
-    stack.enter_context(contextlib.closing(whole.stage.scene.forcing))
+    stack.enter_context(contextlib.closing(whole.setup.scene.forcing))
     with job.clock.phase("drift"):
-        return Ended(whole.stage, stack.enter_context(shards_run.moved(job, whole)))
+        return Ended(whole.setup, stack.enter_context(shards_run.moved(job, whole)))
 
 
 def moved(job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None) -> Moved:
@@ -162,13 +165,13 @@ def moved(job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | No
 
 def made(job: Job, run: Ended) -> Result:
     """Return what is made of a run that has been moved, whose particles can still be read."""
-    case, where, stage, snapshots = job.case, job.where, run.stage, run.snapshots
+    case, where, setup, snapshots = job.case, job.where, run.setup, run.snapshots
     after, updates, posteriors = run.after, run.updates, run.posteriors
     names = [scenario.name for scenario in case.scenarios]
     job.tell("map", 0.0)
     with job.clock.phase("products"):
         end = survey.of(snapshots.outputs[-1], len(names))
-        is_land = scene.land_of(stage.scene)
+        is_land = scene.land_of(setup.scene)
         forecast = forecast_build.build(
             snapshots.outputs,
             scenarios=names,
@@ -178,8 +181,8 @@ def made(job: Job, run: Ended) -> Result:
             tell=partial(job.tell, "map"),
         )
         tracks = _trajectories(case, snapshots)
-    summary = facts.numbers(case, where, end, stage, job.clock.seconds)
-    member_told = _members(stage.spec.members, run)
+    summary = facts.numbers(case, where, end, setup, job.clock.seconds)
+    member_told = _members(setup.spec.members, run)
     if member_told is not None:
         summary |= {"members": by_member.numbers(member_told)}
     off_map = off_grid.warnings(forecast.data)
@@ -388,10 +391,12 @@ def _trajectories(case: Case, snapshots: Spool) -> Trajectories:
 
     The track of what was drawn anew is that of its ancestors before.
     """
-    slots = np.arange(snapshots.n)
+    living: Array | None = None
     if case.resampling.below > 0:  # slots that are held to spare have no weight
-        slots = np.concatenate([part.blocks.places[part.probability > 0] for part in snapshots.outputs[-1].parts()])
-    slot = slots[np.unique(np.linspace(0, slots.size - 1, min(case.trajectories, snapshots.n)).astype(int))]
+        living = np.concatenate([part.blocks.places[part.probability > 0] for part in snapshots.outputs[-1].parts()])
+    many = snapshots.n if living is None else living.size
+    slot = np.unique(np.linspace(0, many - 1, min(case.trajectories, snapshots.n)).astype(int))
+    slot = slot if living is None else living[slot]
     way = snapshots.follow(slot)
     release, since, edge = snapshots.at_end(("release", "status_since", "edge"), slot)
     over = life.over(way["status"][:, -1])

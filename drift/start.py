@@ -14,7 +14,7 @@ from drift.case.record import Case
 from drift.environment import domain, environment, lost
 from drift.environment.environment import Common, Environment
 from drift.environment.environment_spec import Coast, EnvironmentSpec
-from drift.environment.silence import Ended
+from drift.environment.silence import AtEnd
 from drift.motion import models, prior, step_size
 from drift.motion.clock import Clock
 from drift.motion.ensemble_spec import EnsembleSpec, Release
@@ -43,7 +43,7 @@ from kernels.noise import Purpose
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stage:
+class Setup:
     """What a run goes through, whoever its particles are."""
 
     spec: EnsembleSpec  # what the particles are drawn from
@@ -54,7 +54,7 @@ class Stage:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Start(Stage):
+class Start(Setup):
     """All that the first step of a run needs."""
 
     ensemble: Ensemble
@@ -126,11 +126,11 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     else:
         drawn = prior.draw(spec, shore)
         ensemble, dry = drawn.ensemble, prior.dry(spec, drawn.tried, shore)
-    stage = staged(case, where, shore, ensemble, dry, sinks=sinks)
-    with closed_on_failure(stage):
-        lacks = lost.lacking(where.box, ensemble, stage.scene, stage.clock)
-        lost.check_prior(spec, where, case.max_lost, stage.scene, lacks)
-    return Start(**vars(stage), ensemble=ensemble, worlds=worlds)
+    setup = staged(case, where, shore, ensemble, dry, sinks=sinks)
+    with closed_on_failure(setup):
+        lacks = lost.lacking(where.box, ensemble, setup.scene, setup.clock)
+        lost.check_prior(spec, where, case.max_lost, setup.scene, lacks)
+    return Start(**vars(setup), ensemble=ensemble, worlds=worlds)
 
 
 def staged(
@@ -141,7 +141,7 @@ def staged(
     dry: tuple[float, ...],
     *,
     sinks: bool = False,
-) -> Stage:
+) -> Setup:
     """Return what a run goes through; some: its particles, or as many as tell how long steps may be."""
     scene = scene_of(case, where, shore, sinks=sinks)
     try:
@@ -149,7 +149,7 @@ def staged(
     except BaseException:
         scene.forcing.close()
         raise
-    return Stage(spec=spec_of(case, where), dry=dry, scene=scene, clock=clock, trial=trial)
+    return Setup(spec=spec_of(case, where), dry=dry, scene=scene, clock=clock, trial=trial)
 
 
 def scene_of(case: Case, where: Environment, shore: device_coast.DeviceCoast | None, *, sinks: bool = False) -> Scene:
@@ -162,12 +162,12 @@ def scene_of(case: Case, where: Environment, shore: device_coast.DeviceCoast | N
 
 
 @contextlib.contextmanager
-def closed_on_failure(stage: Stage) -> Iterator[None]:
+def closed_on_failure(setup: Setup) -> Iterator[None]:
     """Close the forcing of a run where something goes wrong inside."""
     try:
         yield
     except BaseException:
-        stage.scene.forcing.close()
+        setup.scene.forcing.close()
         raise
 
 
@@ -194,7 +194,7 @@ def renew(case: Case, where: Environment, before: Start, proposal: Proposal, num
 
 def beliefs(case: Case, begin: Start) -> Beliefs | None:
     """Return what takes down the posteriors of what is not position; None where nothing steers and nothing was seen."""
-    if case.spill or not (begin.scene.steering or _is_searched(case)):
+    if case.spill or not (begin.scene.steering or is_searched(case)):
         return None
     return Beliefs(begin.spec, begin.ensemble, begin.scene.steering)
 
@@ -204,7 +204,7 @@ def search(case: Case, begin: Start, beliefs: Beliefs | None = None, noted: Note
 
     beliefs: takes down what is believed after each update. noted: is told of each too.
     """
-    if not (_is_searched(case) or case.sensors.lines):
+    if not (is_searched(case) or case.sensors.lines):
         return None
 
     def note(update: Update, before: Array, log_weight: Array, lineage: Array | None) -> None:
@@ -219,12 +219,13 @@ def search(case: Case, begin: Start, beliefs: Beliefs | None = None, noted: Note
     )  # fmt: skip
 
 
-def _is_searched(case: Case) -> bool:
+def is_searched(case: Case) -> bool:
+    """Whether anything that was searched, seen or not seen weighs the particles of a case."""
     overdue = any(s.itinerary and s.itinerary.overdue is not None for s in case.scenarios)
     return bool(overdue or case.sorties or case.contacts or case.sensors.telling)
 
 
-def check_end(case: Case, where: Environment, begin: Stage, snapshots: Spool, search: Search | None) -> None:
+def check_end(case: Case, where: Environment, begin: Setup, snapshots: Spool, search: Search | None) -> None:
     """Refuse a run that lost more than the case allows, by weights as if no sortie had been flown.
 
     What is lost is a matter of the motion: a good search that finds nothing leaves what it could not reach, and is not
@@ -232,11 +233,11 @@ def check_end(case: Case, where: Environment, begin: Stage, snapshots: Spool, se
     """
     weight = None if search is None else shares(search.unsearched)
 
-    def ends() -> Iterator[Ended]:
+    def ends() -> Iterator[AtEnd]:
         for part in snapshots.outputs[-1].parts():
             place = part.blocks.places
             own = part if weight is None else replace(part, probability=weight[place])
-            yield Ended(own, *snapshots.at_end(("status_since",), place))
+            yield AtEnd(own, *snapshots.at_end(("status_since",), place))
 
     sums = [
         end.snapshot.blocks.partial(end.snapshot.probability, code=end.snapshot.status, many=len(Status))

@@ -9,7 +9,7 @@ import numpy as np
 
 from drift.environment import domain, silence
 from drift.environment.environment import Environment
-from drift.environment.silence import Ended
+from drift.environment.silence import AtEnd
 from drift.motion.clock import Clock
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.forcing import Term
@@ -174,7 +174,7 @@ def _some(places: list[tuple[int, str]]) -> str:
 
 
 def check_end(
-    where: Environment, max_lost: float, scene: Scene, clock: Clock, status: Array, ends: Callable[[], Iterable[Ended]]
+    where: Environment, max_lost: float, scene: Scene, clock: Clock, status: Array, ends: Callable[[], Iterable[AtEnd]]
 ) -> None:
     """Refuse a run that has lost more than a share of the probability by its end.
 

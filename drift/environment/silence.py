@@ -33,14 +33,14 @@ def terms(
             yield quantity, term, forcing.tiles.at(term.first, term.last, lon, lat, fraction, member)[:, 2] > 0.5
 
 
-class Ended(NamedTuple):
+class AtEnd(NamedTuple):
     """Some of the particles at the end of a run, and when the status of each began [s after start], (n,)."""
 
     snapshot: Snapshot
     since: Array
 
 
-def lost(forcing: Forcing, clock: Clock, ends: Callable[[], Iterable[Ended]]) -> Shares:
+def lost(forcing: Forcing, clock: Clock, ends: Callable[[], Iterable[AtEnd]]) -> Shares:
     """Return how much of the probability ran out of forcing where a term had no value.
 
     ends: gives all particles at the end of the run, part by part. The search looks where a particle stayed, at the begin
@@ -50,7 +50,7 @@ def lost(forcing: Forcing, clock: Clock, ends: Callable[[], Iterable[Ended]]) ->
     steps = [(step.elapsed, low, high) for low, high, step in clock.steps()]
     begins = [elapsed for elapsed, _, _ in steps]
 
-    def stuck(end: Ended) -> tuple[Array, Array]:
+    def stuck(end: AtEnd) -> tuple[Array, Array]:
         """Return the probability of particles where they are outside, and the number of the step they could not make.
 
         Particles released before the first step, and pending ones, are not outside: their number does not matter.

@@ -24,6 +24,7 @@ from geo.array import Array
 from geo.errors import UserError
 
 BYTES = 13  # a particle and time: two positions, its status, its weight
+BYTES_END = 24  # a particle, of the end of the run
 KINDS = {
     name: np.dtype(kind)
     for name, kind in (
@@ -57,6 +58,18 @@ def _size(count: int) -> str:
     return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.1f} MiB"
 
 
+class NoRoom(Exception):
+    """The file of a reel cannot be written; says why. What fails while particles move is told as it is."""
+
+
+class Noted(NamedTuple):
+    """Values in a reel's file."""
+
+    begin: int
+    kind: str  # of numbers, as NumPy writes it
+    size: int
+
+
 class Taken(NamedTuple):
     """A moment in a reel's file."""
 
@@ -73,6 +86,7 @@ class Reel:
     n: int
     taken: list[Taken] = field(default_factory=list)
     end: dict[str, int] = field(default_factory=dict)  # where columns of the end of the run begin
+    notes: dict[str, Noted] = field(default_factory=dict)  # what else a run takes down, by name
     _size: int = 0
 
     def record(self, period: Period, ensemble: Ensemble, moments: Iterable[Moment]) -> None:
@@ -96,12 +110,30 @@ class Reel:
         """Take weights for all times that have none of their own."""
         self.end["log_weight"] = self._keep("log_weight", log_weight)
 
+    def note(self, name: str, values: Array) -> None:
+        """Take down values of one dimension and any kind under a name."""
+        self.notes[name] = Noted(self._append(np.ascontiguousarray(values)), values.dtype.str, values.size)
+
+    def noted(self, name: str, first: int = 0, last: int | None = None) -> Array:
+        """Return values that have been taken down, or some of them."""
+        noted = self.notes[name]
+        kind, last = np.dtype(noted.kind), noted.size if last is None else last
+        self.file.seek(noted.begin + first * kind.itemsize)
+        return np.frombuffer(self.file.read((last - first) * kind.itemsize), kind)
+
     def _keep(self, name: str, values: Array) -> int:
         """Append a column to the file, and return where it begins."""
-        begin, column = self._size, np.ascontiguousarray(values, KINDS[name])
-        self.file.seek(begin)
-        self.file.write(column.data)
-        self.file.flush()
+        return self._append(np.ascontiguousarray(values, KINDS[name]))
+
+    def _append(self, column: Array) -> int:
+        begin = self._size
+        try:
+            self.file.seek(begin)
+            self.file.write(column.data)
+            self.file.flush()
+        except OSError as error:
+            self.file.raw.close()  # what is left in the buffer would fail once more
+            raise NoRoom(error.strerror or str(error)) from error
         self._size += column.nbytes
         return begin
 
@@ -150,9 +182,11 @@ class Spool(Sequence[Snapshot]):
         reel = Reel(file, ensemble.n)
         try:
             reel.record(period, ensemble, moments)
-        except OSError as error:
-            file.raw.close()  # what is left in the buffer would fail once more
-            raise _refusal(f"{error.strerror}; all output times need {_size(need)}") from error
+        except NoRoom as error:
+            raise _refusal(f"{error}; all output times need {_size(need)}") from error
+        except BaseException:
+            file.close()
+            raise
         return cls([reel], worlds=worlds)
 
     def __enter__(self) -> "Spool":

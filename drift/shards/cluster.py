@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from drift.shards import told, work, worker
+from drift.shards import machine, worker
 from drift.shards.unit import Unit
+from drift.shards.work import Work
 from geo.errors import UserError
 
 PATIENCE = 20  # [s] to wait for a cluster to answer
@@ -58,12 +59,17 @@ def _dask() -> Any:
 
 def workers_of(client: Any) -> int:
     """Return how many workers a cluster has."""
-    return len(client.scheduler_info(n_workers=-1)["workers"])
+    return len(client.nthreads())
 
 
 def check(client: Any, folder: Path) -> None:
-    """Refuse workers of other versions or arithmetic than this process's, and those that do not see the run's folder."""
-    own = {**told.versions(), "its arithmetic": told.arithmetic()}
+    """Refuse workers of other versions or arithmetic than this process's, and those that do not see the run's folder.
+
+    Threads of this process are refused too: they would wait for the kernels, which it holds, for ever.
+    """
+    if worker.process() in client.run(worker.process).values():
+        raise UserError("the cluster's workers are threads of this process; begin it with processes=True")
+    own = {**machine.versions(), "its arithmetic": machine.arithmetic()}
     found = client.run(worker.about, str(folder))
     if not found:
         raise UserError("the cluster has no workers; start some")
@@ -79,7 +85,7 @@ def check(client: Any, folder: Path) -> None:
             )
 
 
-def moved(client: Any, folder: Path, units: Sequence[Unit], tell: Callable[[float], None]) -> None:
+def moved(client: Any, kept: Work, units: Sequence[Unit], tell: Callable[[float], None]) -> None:
     """Have the workers move shards, which they keep in the run's folder; tell: takes how many are done.
 
     A worker that is lost costs the shards under way on it, which others do again. Raises UserError where the cluster is
@@ -88,27 +94,20 @@ def moved(client: Any, folder: Path, units: Sequence[Unit], tell: Callable[[floa
     if not units:
         return
     distributed = _dask()
-    check(client, folder)
-    tasks = [client.submit(worker.move, str(folder), unit, pure=False, retries=0) for unit in units]
+    check(client, kept.folder)
+    tasks = [client.submit(worker.move, str(kept.folder), unit, pure=False, retries=0) for unit in units]
     try:
         for done, task in enumerate(distributed.as_completed(tasks, loop=client.loop), 1):
             if task.status == "error":
                 raise task.exception()
             if task.status != "finished":
-                raise UserError(f"the cluster is lost (a shard is {task.status}); {_kept(folder)}")
+                raise UserError(f"the cluster is lost (a shard is {task.status}); {kept.folder}: {kept.kept}")
             tell(done)
     except distributed.KilledWorker as error:
-        raise UserError(f"worker after worker died of a shard ({_line(error)}); {_kept(folder)}") from error
-    except (OSError, TimeoutError) as error:
-        raise UserError(f"the cluster is lost ({_line(error)}); {_kept(folder)}") from error
+        raise UserError(f"worker after worker died of a shard ({_line(error)}); {kept.folder}: {kept.kept}") from error
     finally:
         with contextlib.suppress(Exception):  # of a scheduler that is gone
             client.cancel(tasks)
-
-
-def _kept(folder: Path) -> str:
-    many = len(list(folder.glob(work.INDICES)))
-    return f"{many:,} shards are finished and kept in {folder}: the same command goes on from there"
 
 
 def _line(error: BaseException) -> str:

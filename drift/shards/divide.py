@@ -7,7 +7,7 @@ whole run and sums go by blocks, so that no number of shards changes a bit of th
 import math
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,14 +20,14 @@ from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.step_size import TRIAL_SIZE
 from drift.particles import ensemble as record
 from drift.particles.ensemble import Ensemble, Layout
-from drift.start import Stage
+from drift.start import Setup
 from geo.errors import UserError
 from kernels import coast as device_coast
 from kernels.coast import DeviceCoast
 
 GIB = 2**30
 BASE = 700 * 2**20  # [bytes] that a run takes however few its particles are: the program, the forcing, the coast, maps
-HELD = 200  # [bytes] a particle of the shard under way takes at most while it is drawn and moved
+HELD = 200  # [bytes] a particle of the shard under way is given, while it is drawn and moved: about 130 were seen
 LEAST = 2**16  # particles in a shard, if memory is scarce
 LOSS = 2**20  # particles in a shard at most: what is under way is lost when a run is stopped
 PER_WORKER = 4  # shards at least, so that none waits long for another at the end
@@ -37,43 +37,45 @@ PER_WORKER = 4  # shards at least, so that none waits long for another at the en
 class Divided:
     """A run that is about to be moved shard by shard."""
 
-    stage: Stage
-    coast: DeviceCoast | None
+    setup: Setup
     layouts: tuple[Layout, ...]
 
 
-def possible(case: Case) -> str:
+def refusal(case: Case) -> str:
     """Return why a case cannot be cut into shards; "" where it can."""
     if case.spill:
         return "a spill's worlds are weighed together"
-    if case.sorties or case.contacts or case.sensors.telling or case.sensors.lines:
+    if start.is_searched(case) or case.sensors.lines:
         return "what was searched and seen weighs all particles together"
     if any(scenario.itinerary or scenario.survival for scenario in case.scenarios):
         return "what steers, and survival times, are told of all particles together"
     return ""
 
 
-def number(case: Case, memory: float | None, shards: int | None, workers: int = 1) -> int:
+def number(case: Case, memory: float | None, shards: int | None, workers: int | None = None) -> int:
     """Return how many shards a run is cut into: as many as is said, or as its memory and the loss at a stop ask for.
 
-    memory: [GiB] it may take, by default half of what is free. workers: that share it. Raises UserError for what cannot
-    be.
+    memory: [GiB] it may take, by default half of what is free. workers: that share it; None: this process moves them.
+    1 without workers is a run in one piece. Raises UserError for what cannot be.
     """
-    whole, most = possible(case), prior.layout(start.ensemble_spec(case)).blocks.first.size if not case.spill else 1
-    if shards is not None:
-        if shards > 1 and whole:
-            raise UserError(f"--shards {shards}: {case.path.name} cannot be cut into shards: {whole}")
-        if not 1 <= shards <= most:
-            raise UserError(f"--shards {shards}: {case.path.name} has {most:,} blocks of particles; give 1 to {most:,}")
-        return shards
+    whole = refusal(case)
+    if whole and workers is not None:
+        raise UserError(f"--workers, --cluster: {case.path.name} cannot be dealt out: {whole}")
+    if whole and shards not in (None, 1):
+        raise UserError(f"--shards {shards}: {case.path.name} cannot be cut into shards: {whole}")
     least = (BASE + HELD * LEAST) / GIB
     if memory is not None and not memory >= least:
         raise UserError(f"--memory {memory:g}: a run takes {least:.2g} (GiB) at least")
-    if workers > 1 and whole:
-        raise UserError(f"{case.path.name} cannot be dealt out to workers: {whole}")
-    room = (free() / 2 if memory is None else memory * GIB) / workers - BASE
+    if whole:
+        return 1
+    most = prior.layout(start.ensemble_spec(case)).blocks.first.size
+    if shards is not None:
+        if not 1 <= shards <= most:
+            raise UserError(f"--shards {shards}: {case.path.name} has {most:,} blocks of particles; give 1 to {most:,}")
+        return shards
+    room = (free() / 2 if memory is None else memory * GIB) / (workers or 1) - BASE
     size = min(max(int(room / HELD), LEAST), LOSS)
-    return 1 if whole else min(max(math.ceil(case.particles / size), 1 if workers == 1 else PER_WORKER * workers), most)
+    return min(max(math.ceil(case.particles / size), PER_WORKER * (workers or 0), 1), most)
 
 
 def free() -> int:
@@ -87,24 +89,25 @@ def free() -> int:
 
 
 def prepare(case: Case, where: Environment, many: int) -> Divided:
-    """Return a case's run, cut into some shards; close `stage.scene.forcing` after it.
+    """Return a case's run, cut into some shards; close `setup.scene.forcing` after it.
 
     Raises UserError as drift.start.prepare does.
     """
+    assert not refusal(case)  # it would be run without its evidence
     spec = start.spec_of(case, where)
     coast = device_coast.upload(where.coast) if where.coast else None
     whole = prior.layout(spec)
     layouts = tuple(whole.shards(many))
-    stage = start.staged(case, where, coast, _sample(spec, coast, whole), ())
-    with start.closed_on_failure(stage):
+    setup = start.staged(case, where, coast, _sample(spec, coast, whole), ())
+    with start.closed_on_failure(setup):
         tried, lacks = np.zeros((len(case.scenarios), 2), np.int64), []
         for layout in layouts:
             drawn = prior.draw(spec, coast, layout)
             tried += drawn.tried
-            lacks.append(lost.lacking(where.box, drawn.ensemble, stage.scene, stage.clock))
+            lacks.append(lost.lacking(where.box, drawn.ensemble, setup.scene, setup.clock))
         dry = prior.dry(spec, tried, coast)
-        lost.check_prior(spec, where, case.max_lost, stage.scene, lost.merged(lacks))
-    return Divided(Stage(**vars(stage) | {"dry": dry}), coast, layouts)
+        lost.check_prior(spec, where, case.max_lost, setup.scene, lost.merged(lacks))
+    return Divided(replace(setup, dry=dry), layouts)
 
 
 def _sample(spec: EnsembleSpec, coast: DeviceCoast | None, whole: Layout) -> Ensemble:

@@ -8,9 +8,10 @@ from functools import partial
 from drift import facts, start
 from drift.job import Job
 from drift.motion.spool import Spool
-from drift.shards import cluster, told, work
+from drift.shards import cluster, machine, work
 from drift.shards.divide import Divided
 from drift.shards.unit import Unit
+from geo.errors import UserError
 from geo.files import digest
 
 
@@ -18,25 +19,23 @@ from geo.files import digest
 def moved(job: Job, run: Divided) -> Iterator[Spool]:
     """Give what the particles of a run were like at all output times."""
     case, client = job.case, job.client
-    outputs, many = case.period.seconds(case.outputs), len(run.layouts)
-    need = work.need(sum(layout.bounds[-1] for layout in run.layouts), len(outputs))
+    many = len(run.layouts)
+    need = work.need(sum(layout.bounds[-1] for layout in run.layouts), case.outputs.size)
+    units = [Unit(case, run.setup.clock, layout, number) for number, layout in enumerate(run.layouts)]
     with work.opened(job.out, fingerprint(job, many), need) as kept:
         if client is not None:
-            missing = [number for number in range(many) if not kept.finished(number)]
-            units = [Unit(case, run.stage.clock, layout, number) for number, layout in enumerate(run.layouts)]
-            cluster.moved(
-                client,
-                kept.folder,
-                [units[number] for number in missing],
-                partial(_tell, job, many - len(missing), many),
-            )
+            missing = [unit for unit in units if not kept.finished(unit.number)]
+            cluster.moved(client, kept, missing, partial(_tell, job, many - len(missing), many))
         reels = []
-        for number, layout in enumerate(run.layouts):
-            tell = partial(_tell, job, number, many)
-            unit = Unit(case, run.stage.clock, layout, number)
-            reels.append(kept.reel(number, layout.bounds[-1], partial(unit.move, run.stage.scene, job.where, tell)))
+        for unit in units:
+            tell = partial(_tell, job, unit.number, many)
+            reels.append(kept.reel(unit.number, unit.n, partial(unit.move, run.setup.scene, job.where, tell)))
         with Spool(reels) as spool:
-            start.check_end(case, job.where, run.stage, spool, None)
+            try:
+                start.check_end(case, job.where, run.setup, spool, None)
+            except UserError:
+                kept.drop()  # the same command would only be refused again
+                raise
             yield spool
 
 
@@ -52,10 +51,10 @@ def fingerprint(job: Job, many: int) -> dict[str, str]:
     return {
         "the case": of["case"],
         "the seed": of["seed"],
-        "the versions": ", ".join(f"{name} {version}" for name, version in told.versions().items()),
+        "the versions": ", ".join(f"{name} {version}" for name, version in machine.versions().items()),
         "the backend": of["backend"],
         "the forcing": f"{of['forcing']}; {files}",
         "the coast": of["coast"],
-        "the processor's arithmetic": told.arithmetic(),
+        "the processor's arithmetic": machine.arithmetic(),
         work.NUMBER: str(many),
     }

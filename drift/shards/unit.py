@@ -23,6 +23,11 @@ class Unit:
     layout: Layout
     number: int  # of the shard
 
+    @property
+    def n(self) -> int:
+        """Number of particles."""
+        return self.layout.bounds[-1]
+
     def move(self, scene: Scene, where: Environment, tell: simulate.Progress | None, reel: Reel) -> None:
         """Draw the particles, move them, and take down what they were like at all output times; tell: takes what is done."""
         case = self.case

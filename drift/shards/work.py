@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from drift.motion.spool import BYTES, Reel, Taken
+from drift.motion.spool import BYTES, BYTES_END, NoRoom, Noted, Reel, Taken
 from drift.output import hidden
 from drift.particles.ensemble import Layout
 from geo.errors import UserError
@@ -31,7 +31,7 @@ ABOUT = "about.json"
 NUMBER = "the number of shards"  # in the fingerprint
 INDICES = "shard-*.json"
 CHUNK = 2**24
-TOLD = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
+LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
 
 
 @dataclass
@@ -47,20 +47,39 @@ class Work:
         if finished is not None:
             return finished
         data = self.folder / f"shard-{number:05}.bin"
-        try:
+        with self._room(data):
             reel = Reel(self.files.enter_context(data.open("w+b")), n)
+        try:
             fill(reel)
+        except NoRoom as error:
+            raise self._refusal(data, str(error)) from error
+        with self._room(data):
             os.fsync(reel.file.fileno())
-            index = {**_index(reel), "digest": _digest(data)}
-            _replace(self._index(number), json.dumps(index))
-        except OSError as error:
-            with contextlib.suppress(OSError):
-                data.unlink()
-            raise UserError(
-                f"{self.folder}: {error.strerror or error}; {number:,} shards are finished and kept there: make room and give "
-                "the same command again, or name another folder with --out"
-            ) from error
+            _replace(self._index(number), json.dumps({**_index(reel), "digest": _digest(data)}))
         return reel
+
+    @contextlib.contextmanager
+    def _room(self, data: Path) -> Iterator[None]:
+        """Refuse what the disk does not take."""
+        try:
+            yield
+        except OSError as error:
+            raise self._refusal(data, error.strerror or str(error)) from error
+
+    def _refusal(self, data: Path, why: str) -> UserError:
+        with contextlib.suppress(OSError):
+            data.unlink()
+        return UserError(f"{self.folder}: {why}; {self.kept}; make room, or name another folder with --out")
+
+    @property
+    def kept(self) -> str:
+        """What is finished, in words."""
+        many = len(list(self.folder.glob(INDICES)))
+        return f"{many:,} shards are finished and kept there: the same command goes on from them"
+
+    def drop(self) -> None:
+        """Take away all that is kept: nothing can come of it."""
+        _empty(self.folder)
 
     def finished(self, number: int) -> bool:
         """Return whether a shard is there, whether or not it has been altered since."""
@@ -81,7 +100,7 @@ class Work:
             return None
         except (OSError, ValueError, KeyError, TypeError) as error:
             why = f"cannot be read ({error})"
-        TOLD.warning("shard %d of the run before %s: it is done again", number, why)
+        LOG.warning("shard %d of the run before %s: it is done again", number, why)
         return None
 
 
@@ -152,19 +171,24 @@ def _take_up(work: Work, fingerprint: Mapping[str, str]) -> None:
     if before == dict(fingerprint):
         many = len(list(work.folder.glob(INDICES)))
         if many:
-            TOLD.warning("%d shards of this run were finished before: it goes on from there", many)
+            LOG.warning("%d shards of this run were finished before: it goes on from there", many)
         return
     if isinstance(before, dict):
         changed = [name for name in {**before, **fingerprint} if before.get(name) != fingerprint.get(name)]
-        TOLD.warning("an unfinished run is there, but %s changed since: it begins anew", " and ".join(changed))
-    for path in work.folder.iterdir():
-        path.unlink()
+        LOG.warning("an unfinished run is there, but %s changed since: it begins anew", " and ".join(changed))
+    _empty(work.folder)
     _replace(about, json.dumps(dict(fingerprint)))
 
 
+def _empty(folder: Path) -> None:
+    """Take away what a run keeps, and nothing else."""
+    for path in (*folder.glob("shard-*"), folder / ABOUT):
+        path.unlink(missing_ok=True)
+
+
 def need(particles: int, outputs: int) -> int:
-    """Return how many bytes the outputs of a run take."""
-    return particles * BYTES * outputs
+    """Return how many bytes the files of a run's shards take."""
+    return particles * (BYTES * outputs + BYTES_END)
 
 
 def _replace(path: Path, text: str) -> None:
@@ -194,6 +218,7 @@ def _index(reel: Reel) -> dict[str, Any]:
         "times": [str(taken.time) for taken in reel.taken],
         "where": [taken.where for taken in reel.taken],
         "end": reel.end,
+        "notes": reel.notes,
     }
 
 
@@ -203,4 +228,5 @@ def _read(file: BufferedRandom, index: Mapping[str, Any]) -> Reel:
     taken = [
         Taken(np.datetime64(time), layout, where) for time, where in zip(index["times"], index["where"], strict=True)
     ]
-    return Reel(file, index["n"], taken, index["end"])
+    notes = {name: Noted(*noted) for name, noted in index["notes"].items()}
+    return Reel(file, index["n"], taken, index["end"], notes)

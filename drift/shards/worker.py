@@ -2,13 +2,15 @@
 
 import contextlib
 import hashlib
+import os
 import pickle
+import socket
 from pathlib import Path
 
 from drift import start
 from drift.environment.environment import Environment
 from drift.motion.scene import Scene
-from drift.shards import told, work
+from drift.shards import machine, work
 from drift.shards.unit import Unit
 from kernels import coast as device_coast
 from kernels import runtime
@@ -16,13 +18,18 @@ from kernels import runtime
 _open: dict[str, tuple[Environment, Scene]] = {}  # the case that was opened last, by its digest
 
 
+def process() -> str:
+    """Return which machine and process this is."""
+    return f"{socket.gethostname()} {os.getpid()}"
+
+
 def about(folder: str) -> dict[str, str]:
     """Return what tells this worker from others, and whether it sees the run's folder."""
     with runtime.alone():
         runtime.start(threads=1)
         return {
-            **told.versions(),
-            "its arithmetic": told.arithmetic(),
+            **machine.versions(),
+            "its arithmetic": machine.arithmetic(),
             "folder": str((Path(folder) / work.ABOUT).is_file()),
         }
 
@@ -43,5 +50,5 @@ def move(folder: str, unit: Unit) -> int:
             )
         where, scene = _open[key]
         kept = work.Work(Path(folder), stack)
-        kept.reel(unit.number, unit.layout.bounds[-1], lambda reel: unit.move(scene, where, None, reel))
+        kept.reel(unit.number, unit.n, lambda reel: unit.move(scene, where, None, reel))
     return unit.number

@@ -47,12 +47,57 @@ trackline = { waypoints = [[-0.3, -0.2], [-0.05, 0.2]], speed = "10 kn", cross_t
 MEMBERS = """members = [{ constant = { speed = "0.4 m/s", toward = 60 } }, { constant = { speed = "0.6 m/s", toward = 70 } },
  { constant = { speed = "0.7 m/s", toward = 100 } }]"""
 
+SEARCHED = """
+[[sortie]]
+name = "area"
+start = "+70 min"
+end = "+130 min"
+law = "random"
+pod = 0.6
+area = { polygon = [[-0.1, 0.0], [0.05, 0.02], [0.06, 0.12], [-0.08, 0.1]] }
+[[sortie]]
+name = "legs"
+unit = "Helicopter"
+start = "+100 min"
+speed = "60 kn"
+sweep_width = "900 m"
+sweep_width_uncertainty = "30 %"
+pattern = { kind = "parallel", centre = [0.0, 0.04], length = "12 km", width = "9 km", orientation = 30, spacing = "1500 m" }
+frame = "datum"
+[[sortie]]
+name = "more legs"
+unit = "Helicopter"
+start = "+200 min"
+speed = "60 kn"
+sweep_width = "700 m"
+sweep_width_uncertainty = "30 %"
+pattern = { kind = "parallel", centre = [0.02, 0.06], length = "12 km", width = "9 km", orientation = 120, spacing = "1500 m" }
+[[contact]]
+name = "seen"
+time = "+185 min"
+belief = 0.7
+position = { at = [0.03, 0.05], std = "3 km" }
+[[contact]]
+name = "debris"
+time = "+140 min"
+belief = 0.8
+of = "PIW-4"
+position = { at = [0.0, 0.05], std = "5 km" }
+"""
+
 
 def case(folder: Path, *, members: bool = False) -> drift.Case:
     """Return the case, written into a folder; members: with a current of three members, dealt out within blocks."""
     (folder / "land.geojson").write_text(SHORE)
     text = CASE.replace('constant = { speed = "0.6 m/s", toward = 70 }', MEMBERS) if members else CASE
     (folder / "case.toml").write_text(text)
+    return drift.load(folder / "case.toml")
+
+
+def searched(folder: Path) -> drift.Case:
+    """Return the case with sorties that found nothing, and contacts."""
+    (folder / "land.geojson").write_text(SHORE)
+    (folder / "case.toml").write_text(CASE + SEARCHED)
     return drift.load(folder / "case.toml")
 
 

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import dask
+import distributed
 import pytest
 import shards as runs
 
 import drift
 from drift import flow
-from drift.shards import cluster, told, work
+from drift.shards import cluster, machine, work
 
 
 @pytest.fixture(scope="module")
@@ -74,12 +75,12 @@ def test_a_worker_that_is_killed_costs_its_shards_only(
 def test_workers_of_another_kind_are_refused(
     case: drift.Case, client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    mine = told.versions()
-    monkeypatch.setattr(told, "versions", lambda: {**mine, "numpy": "1.0"})
+    mine = machine.versions()
+    monkeypatch.setattr(machine, "versions", lambda: {**mine, "numpy": "1.0"})
     with pytest.raises(drift.UserError, match=r"worker tcp.*: numpy is .*, here it is 1\.0"):
         drift.run(case, tmp_path / "out", client=client, shards=3)
     monkeypatch.undo()
-    monkeypatch.setattr(told, "arithmetic", lambda: "vax 0")
+    monkeypatch.setattr(machine, "arithmetic", lambda: "vax 0")
     with pytest.raises(drift.UserError, match=r"its arithmetic is .*, here it is vax 0"):
         drift.run(case, tmp_path / "out", client=client, shards=3)
 
@@ -105,7 +106,8 @@ def test_the_schedulers_loss_is_one_line(case: drift.Case, made: drift.Result, t
                     scheduler.kill()
 
             with pytest.raises(
-                drift.UserError, match=r"the cluster is lost .* kept in .*: the same command goes on"
+                drift.UserError,
+                match=r"the cluster is lost .* shards are finished and kept there: the same command goes on",
             ) as error:
                 drift.run(case, out, client=client, shards=9, report=report)
     assert "\n" not in str(error.value)
@@ -132,3 +134,21 @@ def test_no_such_cluster(workers: int | None, address: str | None, said: str, mo
 def test_datasets_in_memory_stay_here(case: drift.Case, client: Any) -> None:
     with pytest.raises(drift.UserError, match="workers read files"):
         drift.run(case, datasets={"x": object()}, client=client)
+
+
+def test_what_cannot_be_dealt_out_is_refused(case: drift.Case, tmp_path: Path) -> None:
+    """A sortie weighs all particles together: one worker would move them in shards, and leave it out."""
+    sortie = runs.searched(tmp_path)
+    with cluster.connected(1, None) as one:
+        with pytest.raises(drift.UserError, match=r"--workers, --cluster: .* cannot be dealt out"):
+            drift.run(sortie, client=one)
+        with pytest.raises(drift.UserError, match="--backend cuda: workers move particles on processors"):
+            drift.run(case, client=one, backend="cuda")
+
+
+def test_threads_of_this_process_are_no_workers(case: drift.Case, tmp_path: Path) -> None:
+    with (
+        distributed.Client(processes=False, n_workers=1, set_as_default=False, dashboard_address=None) as threads,
+        pytest.raises(drift.UserError, match="threads of this process; begin it with processes=True"),
+    ):
+        drift.run(case, tmp_path / "out", client=threads, shards=3)

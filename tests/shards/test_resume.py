@@ -14,7 +14,8 @@ import shards as runs
 import drift
 from drift import flow
 from drift.cli import commands
-from drift.shards import divide, told, unit, work
+from drift.motion import spool
+from drift.shards import divide, machine, unit, work
 
 
 @pytest.fixture(scope="module")
@@ -178,7 +179,7 @@ def test_another_processor_is_noticed(
     with pytest.raises(Stopped):
         drift.run(case, out, shards=4, report=stopping(0.6))
     exact = np.exp
-    monkeypatch.setattr(told, "FUNCTIONS", (lambda x: np.nextafter(exact(x), 9.0), *told.FUNCTIONS[1:]))
+    monkeypatch.setattr(machine, "FUNCTIONS", (lambda x: np.nextafter(exact(x), 9.0), *machine.FUNCTIONS[1:]))
     with pytest.raises(Stopped):
         drift.run(case, out, shards=4, report=stopping(0.1))
     assert "the processor's arithmetic changed since" in caplog.text
@@ -215,7 +216,7 @@ def test_a_full_disk_keeps_what_is_finished(
 
     def full(self: work.Reel, name: str, values: np.ndarray) -> int:
         if "00002" in self.file.name and len(self.taken) == 2:
-            raise OSError(28, "No space left on device")
+            raise spool.NoRoom("No space left on device")
         return keep(self, name, values)
 
     monkeypatch.setattr(work.Reel, "_keep", full)
