@@ -29,18 +29,17 @@ from drift.motion.forcing import Sources
 from drift.motion.spool import Spool
 from drift.output import writer
 from drift.output.chapter import Chapter, joined
-from drift.particles import ensemble as record
 from drift.particles import life
 from drift.particles.ensemble import Ensemble
 from drift.posterior import chapter as posterior_chapter
 from drift.posterior import tables as posterior_tables
 from drift.posterior.records import Posteriors
 from drift.result import Result
+from drift.search import account, particles_left
 from drift.search import chapter as search_chapter
-from drift.search import particles_left
 from drift.search import tables as search_tables
-from drift.search.filter import Noted
-from drift.search.standing import Standing, standing
+from drift.search.account import Noted
+from drift.search.standing import Standing
 from drift.search.updates import Updates
 from drift.shards import cluster, divide, work
 from drift.shards import run as shards_run
@@ -227,17 +226,12 @@ def _flows(found: Mapping[str, Flow], time: Any) -> Any:
 
 
 def _begun(case: Case, ensemble: Ensemble) -> Standing | None:
-    """Return how a search stood before any sortie or contact.
-
-    None where there are no sorties and no survival times.
-    """
-    if case.spill or not (case.sorties or any(scenario.survival for scenario in case.scenarios)):
+    """Return how a search stood before any sortie or contact; None where that is not told."""
+    if not start.is_standing(case):
         return None
-    weights, duration = (
-        ensemble.log_weight.to_numpy(),
-        float((case.end - case.start).astype("timedelta64[s]").astype(int)),
+    return account.begun(
+        start.ensemble_spec(case), ensemble.log_weight.to_numpy(), ensemble.release.to_numpy(), ensemble.layout
     )
-    return standing(case.start, ensemble, weights, None, record.weighed(ensemble).ess, duration)
 
 
 def _drifted(

@@ -28,7 +28,10 @@ from drift.particles.ensemble import Ensemble
 from drift.particles.status import Status
 from drift.particles.weights import shares
 from drift.posterior.beliefs import Beliefs
-from drift.search.filter import Noted, Search
+from drift.posterior.source import Particles
+from drift.search.account import Noted
+from drift.search.filter import Search
+from drift.search.meeting import Meeting
 from drift.search.updates import Update
 from drift.spill import release, renewal
 from drift.spill import worlds as drawn_worlds
@@ -194,35 +197,61 @@ def renew(case: Case, where: Environment, before: Start, proposal: Proposal, num
 
 def beliefs(case: Case, begin: Start) -> Beliefs | None:
     """Return what takes down the posteriors of what is not position; None where nothing steers and nothing was seen."""
-    if case.spill or not (begin.scene.steering or is_searched(case)):
+    if not is_believed(case):
         return None
-    return Beliefs(begin.spec, begin.ensemble, begin.scene.steering)
+    return Beliefs(
+        begin.spec, begin.ensemble.log_weight.to_numpy(), Particles(begin.spec, begin.ensemble, begin.scene.steering)
+    )
 
 
-def search(case: Case, begin: Start, beliefs: Beliefs | None = None, noted: Noted | None = None) -> Search | None:
+def search(
+    case: Case,
+    begin: Start,
+    beliefs: Beliefs | None = None,
+    noted: Noted | None = None,
+    meeting: Meeting | None = None,
+) -> Search | None:
     """Return the filter by what a case says was searched and seen, or is to be told; None where that is nothing.
 
-    beliefs: takes down what is believed after each update. noted: is told of each too.
+    beliefs: takes down what is believed after each update. noted: is told of each too. meeting: with the other shards of
+    the run; None: this is all of it.
     """
     if not (is_searched(case) or case.sensors.lines):
         return None
+    return Search(
+        begin.spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors,
+        noting(beliefs, noted), (case.plan.begin,) if case.units else (), meeting,
+    )  # fmt: skip
+
+
+def noting(beliefs: Beliefs | None, noted: Noted | None) -> Noted | None:
+    """Return what tells beliefs of each update, and then another."""
+    if beliefs is None:
+        return noted
 
     def note(update: Update, before: Array, log_weight: Array, lineage: Array | None) -> None:
-        if beliefs is not None:
-            beliefs.note(update.name, update.kind, update.time, log_weight, lineage)
+        beliefs.note(update.name, update.kind, update.time, log_weight, lineage)
         if noted is not None:
             noted(update, before, log_weight, lineage)
 
-    return Search(
-        begin.spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors,
-        note if beliefs or noted else None, (case.plan.begin,) if case.units else (),
-    )  # fmt: skip
+    return note
+
+
+def is_believed(case: Case) -> bool:
+    """Whether posteriors of what is not position are told of a case."""
+    steers = any(scenario.itinerary for scenario in case.scenarios)
+    return not case.spill and (steers or is_searched(case))
 
 
 def is_searched(case: Case) -> bool:
     """Whether anything that was searched, seen or not seen weighs the particles of a case."""
     overdue = any(s.itinerary and s.itinerary.overdue is not None for s in case.scenarios)
     return bool(overdue or case.sorties or case.contacts or case.sensors.telling)
+
+
+def is_standing(case: Case) -> bool:
+    """Whether it is told how a search stands by when objects went adrift."""
+    return not case.spill and bool(case.sorties or any(scenario.survival for scenario in case.scenarios))
 
 
 def check_end(case: Case, where: Environment, begin: Setup, snapshots: Spool, search: Search | None) -> None:

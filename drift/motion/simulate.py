@@ -30,7 +30,8 @@ class Moment:
     status: Array  # int32 (n,)
     layout: Layout  # which slots belong to which scenario
     log_weight: Array | None = None  # float32 (n,) at that time; None: those of the end of the run
-    ancestors: Array | None = None  # int64 (n,): of the moment before, where particles have been drawn anew since
+    ancestors: Array | None = None  # (n,) slots of the whole run at the moment before, if any were drawn anew since
+    lineage: Array | None = None  # int32 (n,) particle of the begin from which each descends; None: itself
 
 
 # Returns where the particles of an ensemble were at a time [s after start], as lon, lat [binary angle]. Its arguments
@@ -68,6 +69,9 @@ class Filter(Protocol):
 
     def ancestors(self) -> Array | None:
         """Return whose offspring the particles are since it was last asked; None: they are themselves."""
+
+    def lineage(self) -> Array | None:
+        """Return from which particle of the begin each descends; None: from itself."""
 
 
 @dataclass
@@ -118,19 +122,23 @@ def run(
     progress: Progress | None = None,
     watch: Watch | None = None,
     search: Filter | None = None,
+    since: int | None = None,
 ) -> Iterator[Moment]:
     """Yield the ensemble at each output time [s since start, ascending, shape (m,)], moving it in place.
 
     progress: takes the share of the run that is done, after every step; watch: takes when the step began [s since
-    start]; search: looks on and changes weights.
+    start]; search: looks on and changes weights. since: go on from the step that begins then [s since start]; None: from the
+    run's start.
     """
-    due = [int(t) for t in outputs]
-    if search:
+    due = [int(t) for t in outputs if since is None or t > since]
+    if search and since is None:
         for time in search.stops(-1, 0):
             search.take_effect(time, lambda which, *_: _now(which))
-    while due and due[0] <= 0:
+    while since is None and due and due[0] <= 0:
         yield _moment(ensemble, partial(_now, ensemble), due.pop(0), search)
     for low, high, step in clock.steps():
+        if since is not None and step.elapsed < since:
+            continue
         end = step.elapsed + step.duration
         shown = {t for t in due if t <= end}
         stops = set(search.stops(max(step.elapsed, 0), end)) if search else set()
@@ -161,5 +169,7 @@ def run(
 def _moment(ensemble: Ensemble, look: Callable[[], tuple[Array, Array]], time: int, search: Filter | None) -> Moment:
     """Return positions, with each particle's status and weight as they were known at that time."""
     status = life.read(ensemble).at(time)  # first: the columns that it reads have gone before others come
-    weight, ancestors = (search.log_weight(time), search.ancestors()) if search else (None, None)
-    return Moment(time, *look(), status, ensemble.layout, weight, ancestors)
+    if search is None:
+        return Moment(time, *look(), status, ensemble.layout)
+    weight = search.log_weight(time)
+    return Moment(time, *look(), status, ensemble.layout, weight, search.ancestors(), search.lineage())

@@ -91,17 +91,18 @@ class Reel:
 
     def record(self, period: Period, ensemble: Ensemble, moments: Iterable[Moment]) -> None:
         """Take up the moments of a run as they come, and what its ensemble has at its end."""
-        family: Array | None = None  # from which particle of the beginning each descends; None: from itself
         for moment in moments:
             columns = {"lon": moment.lon, "lat": moment.lat, "status": moment.status}
             if moment.log_weight is not None:
                 columns["log_weight"] = moment.log_weight
             if moment.ancestors is not None:
-                family = np.asarray(moment.ancestors if family is None else family[moment.ancestors], np.int32)
-                columns |= {"ancestors": moment.ancestors, "family": family}
+                columns["ancestors"] = moment.ancestors
+            before = self.taken[-1].where if self.taken else {}
+            if moment.lineage is not None and (moment.ancestors is not None or "family" not in before):
+                columns["family"] = moment.lineage
             where = {name: self._keep(name, values) for name, values in columns.items()}
-            if family is not None and moment.ancestors is None:
-                where["family"] = self.taken[-1].where["family"]
+            if moment.lineage is not None and "family" not in where:
+                where["family"] = before["family"]
             self.taken.append(Taken(period.time(moment.elapsed), moment.layout, where))
         for name in (*END, *({members.COLUMN.name} & {*ensemble.own})):
             self.end[name] = self._keep(name, ensemble.columns[name].to_numpy())

@@ -24,7 +24,7 @@ from drift.planner import chapter, fleet, follow, optimiser
 from drift.planner.bound import Bound
 from drift.planner.records import Alternative, Plan, Tasking
 from drift.result import Result
-from drift.search.filter import Noted
+from drift.search.account import Noted
 from drift.search.records import Unit
 from drift.search.updates import Updates
 from drift.suspend.further import Planned

@@ -33,6 +33,28 @@ def log_likelihood(contact: Contact, lon: Array, lat: Array) -> Array:
         return LIKELIHOODS[contact.kind](contact, lon, lat)
 
 
+def log_unit(contact: Contact) -> float:
+    """Return the log of a density of the size of a contact's highest, with its false contacts and its motion.
+
+    Weights are multiplied by likelihoods in units of it: so they keep near 1, where float32 has its digits.
+    """
+    if contact.kind == "position":
+        unit = max(math.log(fix.share) for fix in contact.fixes) + _highest(contact.major) + _highest(contact.minor)
+    elif contact.kind == "area":
+        assert contact.area is not None
+        unit = -math.log(patterns.square_metres(contact.area))
+    else:
+        unit = _highest(contact.bearing_std if contact.kind == "bearing" else contact.range_std)
+    for std in (contact.course_std, contact.speed_std):
+        unit += _highest(std) if std > 0 else 0.0
+    return max(unit, math.log(contact.false_density)) if contact.false_density > 0 else unit
+
+
+def _highest(std: float) -> float:
+    """Return the log of a normal's highest density."""
+    return -math.log(std) - 0.5 * LOG_TURN
+
+
 def log_motion(contact: Contact, east: Array, north: Array) -> Array:
     """Return the log likelihood of the course and speed of a contact, of velocities (east, north) [m/s] (n,).
 

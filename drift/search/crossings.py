@@ -2,15 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.output import formats
 from drift.particles import weights
-from drift.particles.ensemble import Ensemble
-from drift.search.observers import Observer
+from drift.particles.partials import Blocks
 from drift.search.records import Line
 from geo import notation
 from geo.array import Array
@@ -55,32 +54,39 @@ class Crossings:
     all: tuple[Crossing, ...] = ()
 
 
-def build(spec: EnsembleSpec, lines: Sequence[Observer], ensemble: Ensemble) -> Crossings:
-    """Return the first crossings of lines by the weights of an ensemble at the end of its run."""
-    weight = weights.normalised(ensemble.log_weight.to_numpy(), ensemble.blocks)
-    found = [_crossing(spec, seen, ensemble, weight) for seen in lines]
+class Watched(NamedTuple):
+    """A line, and what it has seen of particles by the end of the run: see drift.search.observers."""
+
+    line: Line
+    stayed: Array  # float32 (n,) log of the probability that each has not crossed it
+    when: Array  # float32 (n,) [s after start] when it first did, -1: never
+
+
+def build(spec: EnsembleSpec, lines: Sequence[Watched], log_weight: Array, blocks: Blocks) -> Crossings:
+    """Return the first crossings of lines by log weights (n,) at the end of the run."""
+    weight = weights.normalised(log_weight, blocks)
+    found = [_crossing(spec, seen, blocks, weight) for seen in lines]
     edges = np.round(np.linspace(0, spec.period.duration, BINS + 1)).astype("timedelta64[s]")
     return Crossings(tuple(s.name for s in spec.scenarios), spec.period.start + edges, tuple(found))
 
 
-def _crossing(spec: EnsembleSpec, seen: Observer, ensemble: Ensemble, weight: Array) -> Crossing:
-    assert isinstance(seen.what, Line)
-    stayed, when = (column.to_numpy().astype(np.float64) for column in seen.ready(ensemble.n))
+def _crossing(spec: EnsembleSpec, seen: Watched, blocks: Blocks, weight: Array) -> Crossing:
+    stayed, when = (column.astype(np.float64) for column in (seen.stayed, seen.when))
     chance, square = 0.0 - np.expm1(stayed), weight**2  # no crossing is told as -0
     values = weight, weight * chance, square, square * chance, square * chance**2
-    sums = ensemble.blocks.partial(*values)
+    sums = blocks.partial(*values)
     total, hit, squares, cross, both = np.concatenate([sums.by_scenario[:, 0], sums.total]).T
     probability = _ratio(hit, total)
     spread = both - 2 * probability * cross + probability**2 * squares
     error = _ratio(np.sqrt(np.maximum(spread, 0.0)), total)
     # Times are drawn: they say how the probability is spread, and the probability itself how much there is.
     bins = np.where(when < 0, PARTS * BINS, np.minimum(when / spec.period.duration * PARTS * BINS, PARTS * BINS - 1))
-    drawn = ensemble.blocks.partial(weight, code=bins.astype(np.int64), many=PARTS * BINS + 1)
+    drawn = blocks.partial(weight, code=bins.astype(np.int64), many=PARTS * BINS + 1)
     spread_out = np.concatenate([drawn.by_scenario[:, :-1, 0], drawn.total[None, :-1, 0]])
     share = _ratio(spread_out, spread_out.sum(axis=1)[:, None])
     mass = (share * probability[:, None]).reshape(-1, BINS, PARTS).sum(axis=2)
     first = np.stack([_times(spec, row) for row in share])
-    return Crossing(seen.what, probability, error, first, mass)
+    return Crossing(seen.line, probability, error, first, mass)
 
 
 def _ratio(over: Array, under: Array) -> Array:

@@ -40,9 +40,9 @@ class Exposed:
     passed: Device | None  # number of the leg on which a target under way has last been passed (n,)
 
     @property
-    def columns(self) -> list[Device]:
-        """Its columns."""
-        return [column for column in (self.adrift, self.inside, self.under_way, self.passed) if column is not None]
+    def columns(self) -> dict[str, Device]:
+        """Its columns by name."""
+        return {name: column for name, column in vars(self).items() if column is not None}
 
     def copy(self) -> "Exposed":
         """Return a copy."""
@@ -118,11 +118,16 @@ class SortieExposure:
         marker = next(way.marker for way in self._shown if scenario in way.scenarios)
         return replace(self.sortie, marker=marker.legs(start)) if isinstance(marker, Marker) else self.sortie
 
+    @property
+    def markers(self) -> list[Marker]:
+        """The markers with which it drifts and whose tracks are not known."""
+        every = {id(way.marker): way.marker for way in (*self._ways, *self._shown)}.values()
+        return [marker for marker in every if isinstance(marker, Marker)]
+
     def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
         """Take its markers over a step, for which the forcing is set."""
-        for marker in {id(way.marker): way.marker for way in (*self._ways, *self._shown)}.values():
-            if marker is not None:
-                marker.drift(forcing, elapsed, duration)
+        for marker in self.markers:
+            marker.drift(forcing, elapsed, duration)
 
     def expose(
         self, ensemble: Ensemble, begin: Begin, helm: Helm | None, step: Step, until: int, keep: bool = True
@@ -132,8 +137,8 @@ class SortieExposure:
         begin: where particles began the step; helm: what steers them. keep: whether its own columns change. They stay
         as they were for one who merely looks, so that its legs are not cut there.
         """
-        if self.exposed is None:
-            self.exposed = self._empty(ensemble, helm is not None)
+        self.ready(ensemble, helm is not None)
+        assert self.exposed is not None
         first, last = max(self._seen, step.elapsed, self.begin), min(until, self.end)
         if first >= last:
             return self.exposed
@@ -173,15 +178,22 @@ class SortieExposure:
                     )  # fmt: skip
         return exposed
 
-    def _empty(self, ensemble: Ensemble, steers: bool) -> Exposed:
-        several = len(self.factors) if self._kind == sweep.ABEAM else 1
-        apart = self._kind in (sweep.CUBE, sweep.ABEAM) and self._place is not None
-        return Exposed(
-            runtime.empty(ensemble.n * several),
-            runtime.empty(ensemble.n) if apart else None,
-            runtime.empty(ensemble.n) if steers and self._kind != sweep.ABEAM else None,
-            runtime.empty(ensemble.n) if steers else None,
-        )
+    def ready(self, ensemble: Ensemble, steers: bool) -> Exposed:
+        """Return what it has done to particles, nothing as yet; steers: whether any of them steer."""
+        if self.exposed is None:
+            several = len(self.factors) if self._kind == sweep.ABEAM else 1
+            apart = self._kind in (sweep.CUBE, sweep.ABEAM) and self._place is not None
+            self.exposed = Exposed(
+                runtime.empty(ensemble.n * several),
+                runtime.empty(ensemble.n) if apart else None,
+                runtime.empty(ensemble.n) if steers and self._kind != sweep.ABEAM else None,
+                runtime.empty(ensemble.n) if steers else None,
+            )
+        return self.exposed
+
+    def seen_until(self, time: int) -> None:
+        """Take it that its columns count up to a time [s after start]."""
+        self._seen = max(self.begin, time)
 
     @property
     def _looks(self) -> bool:

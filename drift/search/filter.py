@@ -5,10 +5,13 @@ It works while the ensemble moves.
 The clock of the forecast tells it of every step. A sortie's exposure grows as it is flown and changes weights when it
 ends; an output in between sees what it has done so far. Evidence is the mean weight after over that before. A sortie
 that does nothing changes no bit.
+
+The ensemble may be a shard of a run. What it does to a particle it makes of that particle alone; what takes all of
+them it asks of its meeting (drift.search.meeting), and what is told of an update is made elsewhere (drift.search.account).
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,32 +19,45 @@ import numpy as np
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.scene import Begin, Scene
 from drift.motion.simulate import PositionsAt
-from drift.particles import ensemble as record
-from drift.particles import life, resample, weights
+from drift.particles import life, weights
 from drift.particles.ensemble import Ensemble
 from drift.particles.status import STRANDED, Status, on_map
-from drift.particles.weights import Weighed
 from drift.search import contacts as contact_laws
 from drift.search import crossings, debris, looks, overdue
+from drift.search.account import Account, Event, Noted
+from drift.search.crossings import Watched
 from drift.search.exposure import Exposed, SortieExposure
+from drift.search.markers import Marker
+from drift.search.meeting import Alone, Drawn, Meeting, Redrawing
 from drift.search.observers import Observers
 from drift.search.records import NO_SENSORS, Contact, Kind, Look, Resampling, Sensors, Sortie
-from drift.search.standing import Standing, standing
-from drift.search.updates import Update, Updates
+from drift.search.updates import Updates
 from geo.array import Array
-from geo.errors import UserError
 from kernels import runtime
 from kernels.advance import Step
 
 Device = Any
 
-Noted = Callable[[Update, Array, Array, Array | None], None]
 
-FARTHEST = 20.0  # most that the log of the sum of weights may be off before weights are brought back
+class OnHost:
+    """A column that no kernel needs, with a device column's manners."""
+
+    def __init__(self, values: Array) -> None:
+        """Hold values (n,)."""
+        self.values = values
+
+    def to_numpy(self) -> Array:
+        """Return them."""
+        return self.values
+
+    def from_numpy(self, values: Array) -> None:
+        """Take others."""
+        self.values = values
 
 
 class Search:
-    """Sorties, contacts and sensors of one run; `updates` tells afterwards what each did."""
+    """Sorties, contacts and sensors of one run, or of a shard of it; of a run in one piece `updates` tells afterwards what
+    each did."""
 
     def __init__(
         self,
@@ -54,21 +70,20 @@ class Search:
         sensors: Sensors = NO_SENSORS,
         noted: Noted | None = None,
         known: Sequence[np.datetime64] = (),
+        meeting: Meeting | None = None,
     ) -> None:
         """Make ready for a run through a scene of an ensemble that has been drawn from `spec`.
 
-        noted: is told of each update as it takes effect, with the log weights (n,) before and after it, and the
-        particle of the begin from which each descends (n,); None: itself. known: when it is known that nothing was reported,
-        besides the times of sorties, contacts and sensors.
+        noted: is told of each update as it takes effect. known: when it is known that nothing was reported, besides the times
+        of sorties, contacts and sensors. meeting: with the other shards of the run; None: this is all of it.
         """
-        self._noted = noted
         self._spec, self._resampling, self.ensemble, self._scene = spec, resampling, ensemble, scene
         self._start = spec.period.epoch
-        seas = scene.seas("current")
-        members = [scene.forcing.members(sea[0], "current") for sea in seas]
-        self._all = [SortieExposure(sortie, self._start, seas, members) for sortie in sorties]
+        self._all = exposures(spec, sorties, scene)
         self._waiting = list(self._all)
-        self._contacts = [(spec.period.elapsed(contact.time), contact) for contact in contacts]
+        self._contacts = [
+            (spec.period.elapsed(contact.time), number, contact) for number, contact in enumerate(contacts)
+        ]
         self._shared: dict[tuple[str, float], Device] = {}
         self._step: Step | None = None
         self._begin: Begin | None = None  # where the particles began the present step
@@ -78,46 +93,101 @@ class Search:
         heard += [time for sortie in sorties for time in (sortie.start, sortie.end)]
         self._begins = overdue.begins(spec)
         self._overdue = overdue.times(spec, [spec.period.elapsed(time) for time in heard])
-        self._debris = debris.of_contacts(spec, self._contacts, scene, ensemble)
-        self._updates: list[Update] = []
+        self._debris = debris.of_contacts(spec, [(time, seen) for time, _, seen in self._contacts], scene, ensemble)
         first = self.ensemble.log_weight.to_numpy()
-        self._prior = self._weighed(first).scenarios
-        # Log weights (n,) by all that was seen, as if no sortie had been flown.
-        self.unsearched = first.astype(np.float64)
-        self._missed = np.ones(len(spec.scenarios) + 1)  # product of 1 - POS so far
-        self._lineage, self._drawn_anew = np.arange(ensemble.n, dtype=np.int32), False
-        self._ancestors: Array | None = None
-        self._events = 0
-        self._never: Array | None = None  # product over sorties of the share of time that a particle was not searched
-        self._least = np.inf  # effective particles after any update
-        self._target = _living(ensemble)
+        # What no kernel needs: "unsearched", log weights (n,) by all that was seen, as if no sortie had been flown; "never",
+        # product over sorties of the share of time that a particle was not searched; "lineage", the particle of the begin
+        # from which each descends, and "ancestors", of those at the last output; without a column: itself.
+        self._held = {"unsearched": OnHost(first.astype(np.float64))}
+        self._happened = False  # whether anything took effect in the present step
+        if meeting is None:
+            self._account = Account(spec, noted)
+            self._account.begin(first, ensemble.layout)
+            meeting = Alone(self._account, Redrawing(spec.seed, resampling, _living(ensemble)))
+        self._meeting = meeting
 
     @property
     def updates(self) -> Updates:
-        """What has happened so far, with sorties as they were flown.
+        """What has happened so far, with sorties as they were flown."""
+        flown = [partial(sortie.as_flown, start=self._start) for sortie in self._all]
+        lines = self.watched
+        now, blocks = self.ensemble.log_weight.to_numpy(), self.ensemble.blocks
+        return self._account.told(flown, crossings.build(self._spec, lines, now, blocks) if lines else None)
 
-        They drift with their markers in the likeliest scenario.
-        """
-        last = self._updates[-1].posterior if self._updates else self._prior
-        likeliest = int(np.argmax(last))
-        flown = tuple(sortie.as_flown(likeliest, self._start) for sortie in self._all)
-        lines = crossings.build(self._spec, self._observers.lines, self.ensemble) if self._observers.lines else None
-        return Updates(tuple(s.name for s in self._spec.scenarios), self._prior, tuple(self._updates), flown, lines)
+    @property
+    def unsearched(self) -> Array:
+        """Log weights by all that was seen, as if no sortie had been flown, float64 (n,)."""
+        return self._held["unsearched"].values
+
+    @property
+    def watched(self) -> list[Watched]:
+        """The lines whose crossing is to be told, and what they have seen so far."""
+        return self._observers.watched()
+
+    @property
+    def markers(self) -> list[Marker]:
+        """What drifts with its patterns, whose ways lead on."""
+        return [marker for flown in self._all for marker in flown.markers]
+
+    @property
+    def columns(self) -> dict[str, Device]:
+        """All that a particle has, by names that `column` knows; those of several values have them one after another."""
+        found = {f"particle {name}": column for name, column in self.ensemble.columns.items()}
+        for number, beside in enumerate(self._debris.values()):
+            found |= {f"debris {number} {name}": column for name, column in beside.ensemble.columns.items()}
+        for number, flown in enumerate(self._all):
+            if flown.exposed is not None:
+                found |= {f"sortie {number} {name}": column for name, column in flown.exposed.columns.items()}
+        for key, column in self._shared.items():
+            found[f"shared {self._groups.index(key)}"] = column
+        return found | self._observers.columns | self._held
+
+    def column(self, name: str) -> Device:
+        """Return a column by its name, made where it is not there yet."""
+        kind, *which = name.split(" ")
+        if kind == "particle":
+            return self.ensemble.columns[which[0]]
+        if kind == "debris":
+            return list(self._debris.values())[int(which[0])].ensemble.columns[which[1]]
+        if kind == "sortie":
+            return self._all[int(which[0])].ready(self.ensemble, self._scene.steering is not None).columns[which[1]]
+        if kind == "shared":
+            number = int(which[0])
+            factors = next(len(f.factors) for f in self._all if _group_of(f.sortie) == self._groups[number])
+            return self._shared.setdefault(self._groups[number], runtime.empty(self.ensemble.n * factors))
+        if kind == "sensor":
+            return self._observers.column(int(which[0]), int(which[1]))
+        return self._held.setdefault(kind, OnHost(np.empty(0)))
+
+    @property
+    def _groups(self) -> list[tuple[str, float]]:
+        """The groups of sorties that share an unknown factor."""
+        return list(dict.fromkeys(_group_of(flown.sortie) for flown in self._all))
+
+    def resume(self, time: int) -> None:
+        """Go on from a time at which a step begins: what was over by then is past [s after start]."""
+        self._waiting = [flown for flown in self._waiting if flown.end > time]
+        self._contacts = [contact for contact in self._contacts if contact[0] > time]
+        self._looks = [look for look in self._looks if look[0] > time]
+        self._observers.over_by(time)
+        for flown in self._waiting:
+            flown.seen_until(time)
 
     def stops(self, after: int, until: int) -> list[int]:
         """Return the times in (after, until] at which something takes effect [s after start]."""
-        times = [flown.end for flown in self._waiting] + [time for time, _ in self._contacts + self._looks]
-        times += self._overdue
+        times = [flown.end for flown in self._waiting] + self._overdue
+        times += [time for time, _, _ in self._contacts] + [time for time, _ in self._looks]
         return sorted({t for t in times if after < t <= until} | self._observers.stops(after, until))
 
     def before(self, elapsed: int, duration: int) -> bool:
         """Take the markers of sorties over a step, for which the forcing is set; return whether any is flown in it."""
+        self._meeting.begin(elapsed, elapsed + duration)
         under_way = self._flown(elapsed + duration)
         for flown in under_way:
             flown.drift(self._scene.forcing, elapsed, duration)
         end = elapsed + duration
         debris = any(beside.last > elapsed for beside in self._debris.values())
-        moving = any(elapsed < when <= end and contact.moves for when, contact in self._contacts)
+        moving = any(elapsed < when <= end and contact.moves for when, _, contact in self._contacts)
         return bool(under_way) or debris or moving or self._observers.looking(elapsed + duration)
 
     def moved(self, begin: Begin | None) -> None:
@@ -148,7 +218,8 @@ class Search:
 
         place: gives where an ensemble's particles were then.
         """
-        asked = [c for when, c in self._contacts + self._looks if when == time and not getattr(c, "drifter", None)]
+        asked = any(when == time and contact.drifter is None for when, _, contact in self._contacts)
+        asked |= any(when == time for when, _ in self._looks)
         if asked or self._observers.stops(time - 1, time):
             self._observers.cut(time, place)
         for flown in [f for f in self._waiting if f.end == time]:
@@ -156,18 +227,17 @@ class Search:
             self._waiting.remove(flown)
             flown.exposed = None
             if all(other.sortie.group != flown.sortie.group for other in self._waiting):
-                self._shared.pop((flown.sortie.group, flown.sortie.shape), None)
-        for when, contact in [c for c in self._contacts if c[0] == time]:
-            self._contacts.remove((when, contact))
-            self._see(contact, time, place)
+                self._shared.pop(_group_of(flown.sortie), None)
+        for when, number, contact in [c for c in self._contacts if c[0] == time]:
+            self._contacts.remove((when, number, contact))
+            self._see(contact, number, time, place)
         for when, look in [c for c in self._looks if c[0] == time]:
             self._looks.remove((when, look))
             self._look(look, time, place)
         if time in self._overdue:
             missing = overdue.log_likelihood(self._spec, time, self.ensemble)
-            news = time in self._begins or (missing[self.ensemble.log_weight.to_numpy() > -np.inf] < 0).any()
-            if news:
-                self._tell(overdue.name(self._spec, time), "overdue", time, missing, positive=True)
+            told = time in self._begins  # later only if that is news to any particle
+            self._tell(overdue.name(self._spec, time), "overdue", time, missing, positive=True, certain=told)
         for seen in self._observers.over(time):
             likelihood = seen.likelihood(seen.ready(self.ensemble.n), over=True)
             assert likelihood is not None
@@ -178,32 +248,16 @@ class Search:
         sortie, exposed = flown.sortie, self._exposed(flown, flown.end, keep=True)
         before = self.ensemble.log_weight.to_numpy()
         flown.fail(self.ensemble, exposed, self._group(flown, self._shared), self.ensemble.log_weight)
-        after = self.ensemble.log_weight.to_numpy()
-        then, now = self._weighed(before), self._weighed(after)
-        evidence = self._evidence(then, now, f'sortie "{sortie.name}"')
-        weight = weights.relative(before)
-        pos = np.nan_to_num(-np.expm1(evidence))  # a scenario that had no weight finds nothing
-        self._missed = self._missed * (1 - pos)
-        lost, alive = weight - weights.relative(after, before), None
-        if any(s.survival for s in self._spec.scenarios):
-            alive = self._mean(lost * self._alive(0.5 * (flown.begin + flown.end)), weight)
-        there = np.isin(life.read(self.ensemble).at(flown.end), STRANDED)
         searched = flown.searched()
-        effective = self._effective(after, now)
-        self._never = (1 - searched if self._never is None else self._never * (1 - searched)).astype(np.float32)
+        never = self._held.setdefault("never", OnHost(np.ones(self.ensemble.n, np.float32)))
+        never.values = (never.values * (1 - searched)).astype(np.float32)
+        there = np.isin(life.read(self.ensemble).at(flown.end), STRANDED)
         self._note(
-            Update(
-                sortie.name, "sortie", sortie.end, evidence, now.scenarios, self._effective(before, then), effective,
-                poc=self._mean(np.maximum(weight * searched, lost), weight), pos=pos,
-                ashore=self._mean(lost * there, weight), alive=alive,
-                cumulative=1 - self._missed, standing=self._standing(sortie.end, after, effective),
-            ),
-            before,
-            after,
+            sortie.name, "sortie", sortie.end, before, self.ensemble.log_weight.to_numpy(),
+            {"searched": lambda: searched, "there": lambda: there}, middle=0.5 * (flown.begin + flown.end),
         )  # fmt: skip
-        self._settle(after.astype(np.float64))
 
-    def _see(self, contact: Contact, time: int, place: PositionsAt) -> None:
+    def _see(self, contact: Contact, number: int, time: int, place: PositionsAt) -> None:
         """Change weights by a contact."""
         who, its, begin = self.ensemble, self._scene, None
         if contact.drifter is not None:
@@ -216,21 +270,21 @@ class Search:
             assert self._step is not None
             velocity = self._scene.velocity(self.ensemble, self._begin, self._step, time)
             likelihood = likelihood + contact_laws.log_motion(contact, *velocity)
-        there = on_map(life.read(who).at(time))
+        there, unit = on_map(life.read(who).at(time)), contact_laws.log_unit(contact)
         likelihood = np.where(there, likelihood, -np.inf)
-        current = self.log_weight(time)
-        # The mean likelihood under all that is known then, which includes sorties under way.
-        mean = self._weighed(current + likelihood).log_sum - self._weighed(current).log_sum
         if contact.false_density > 0:
             likelihood = np.logaddexp(likelihood, np.log(contact.false_density))
-        elif contact.belief < 1:  # doubt is in units of the mean, so that the evidence stays a density
-            if mean == -np.inf:
-                likelihood = np.zeros_like(likelihood)
+        elif contact.belief < 1:  # doubt is in units of the mean under all that is known then, sorties under way too
+            current, blocks = self.log_weight(time), self.ensemble.blocks
+            both = weights.weighed(current, blocks), weights.weighed(current + likelihood, blocks)
+            unit = self._meeting.mean(number, *both)
+            if unit == -np.inf:
+                unit, likelihood = 0.0, np.zeros_like(likelihood)
             else:
                 with np.errstate(divide="ignore"):
-                    doubt = np.log1p(-contact.belief) + mean
+                    doubt = np.log1p(-contact.belief) + unit
                     likelihood = np.logaddexp(np.log(contact.belief) + likelihood, doubt)
-        self._tell(contact.name, "contact", time, likelihood, positive=True)
+        self._tell(contact.name, "contact", time, likelihood - unit, positive=True, unit=unit)
 
     def _look(self, look: Look, time: int, place: PositionsAt) -> None:
         """Change weights by what a look saw or did not see."""
@@ -238,32 +292,38 @@ class Search:
         there = on_map(life.read(self.ensemble).at(time))
         self._tell(look.name, "look", time, looks.log_likelihood(look, lon, lat, there), look.positive)
 
-    def _tell(self, name: str, kind: Kind, time: int, likelihood: Array, positive: bool) -> None:
-        """Change weights by the log likelihood (n,) of what was told at a time; positive: of something that was seen."""
-        if positive:
-            self.unsearched = self.unsearched + likelihood
-        before, when = self.ensemble.log_weight.to_numpy(), self._spec.period.time(time)
-        after = before + likelihood
-        then, now = self._weighed(before), self._weighed(after)
-        evidence = self._evidence(then, now, f'{kind} "{name}"')
-        effective = self._effective(after, now)
-        standing = self._standing(when, after, effective)
-        update = Update(
-            name, kind, when, evidence, now.scenarios, self._effective(before, then), effective, standing=standing
-        )
-        self._note(update, before, after)
-        self._settle(after, changed=True)
+    def _tell(
+        self,
+        name: str,
+        kind: Kind,
+        time: int,
+        likelihood: Array,
+        positive: bool,
+        unit: float = 0.0,
+        certain: bool = True,
+    ) -> None:
+        """Change weights by the log likelihood (n,) of what was told at a time; positive: of something that was seen.
 
-    def _settle(self, log_weight: Array, changed: bool = False) -> None:
-        """Bring the sum of weights back to 1 once it is far off.
-
-        Otherwise float32 would lose digits of small differences.
+        unit: log of what the likelihood is in units of; certain: whether it is told even if it says nothing new.
         """
-        total = self._weighed(log_weight).log_sum
-        if abs(total) > FARTHEST:
-            self.ensemble.log_weight.from_numpy((log_weight - total).astype(np.float32))
-        elif changed:
-            self.ensemble.log_weight.from_numpy(log_weight.astype(np.float32))
+        if positive:
+            self._held["unsearched"].values = self.unsearched + likelihood
+        before = self.ensemble.log_weight.to_numpy()
+        after = before + likelihood
+        self.ensemble.log_weight.from_numpy(after.astype(np.float32))
+        self._note(name, kind, self._spec.period.time(time), before, after, {}, unit=unit, certain=certain)
+
+    def _note(
+        self, name: str, kind: Kind, time: np.datetime64, before: Array, after: Array,
+        more: Mapping[str, Callable[[], Array]], *, unit: float = 0.0, middle: float = 0.0, certain: bool = True,
+    ) -> None:  # fmt: skip
+        """Hand an update over, with the log weights (n,) before and after it."""
+        held = {key: self._held[key].to_numpy for key in list[str](("lineage", "never")) if key in self._held}
+        columns = {"before": lambda: before, "after": lambda: after, "release": self.ensemble.release.to_numpy}
+        self._meeting.take(
+            Event(name, kind, time, self.ensemble.layout, {**columns, **held, **more}, unit, middle, certain)
+        )
+        self._happened = True
 
     def log_weight(self, time: int) -> Array:
         """Return the weights as they stand at a time, float32 (n,).
@@ -275,7 +335,7 @@ class Search:
             only = np.asarray(self.ensemble.log_weight.to_numpy())
             return only if said is None else (only + said).astype(np.float32)
         weight = runtime.copy(self.ensemble.log_weight)
-        groups = {(flown.sortie.group, flown.sortie.shape) for flown in under_way}
+        groups = {_group_of(flown.sortie) for flown in under_way}
         shared = {key: runtime.copy(column) for key, column in self._shared.items() if key in groups}
         for flown in under_way:
             flown.fail(self.ensemble, self._exposed(flown, time, keep=False), self._group(flown, shared), weight)
@@ -290,53 +350,36 @@ class Search:
 
     def after(self, until: int) -> None:
         """Resample at the end of a step, if the effective particles are fewer than asked for."""
-        rule = self._resampling
-        changed = self._updates and self._events < len(self._updates)
-        if rule.below <= 0 or not changed:
+        happened, self._happened = self._happened, False
+        if self._resampling.below <= 0 or not happened:
             return
-        self._events = len(self._updates)
-        ess = record.weighed(self.ensemble).ess
-        if ess >= rule.below * sum(self._target):
-            return
-        ancestors = self._draw(until)
-        self._lineage, self._drawn_anew = self._lineage[ancestors], True
-        self._ancestors = ancestors if self._ancestors is None else self._ancestors[ancestors]
-        weight = self.ensemble.log_weight.to_numpy()
-        distinct = len(np.unique(self._lineage[weight > -np.inf])) / sum(self._target)
-        self._updates[-1] = replace(self._updates[-1], ess_resampled=self._weighed(weight).ess, distinct=distinct)
+        drawn = self._meeting.anew(self.ensemble.log_weight.to_numpy(), self.ensemble.layout)
+        if drawn is not None:
+            self.redraw(drawn, until)
+            assert isinstance(self._meeting, Alone)
+            self._meeting.drawn(drawn.log_weight, self._held["lineage"].values, self.ensemble.layout)
 
-    def _draw(self, until: int) -> Array:
-        """Replace all particles by offspring, in place; return their ancestors (n,)."""
-        e, rule = self.ensemble, self._resampling
-        seeds = self._spec.seed, self._events
-        before = e.log_weight.to_numpy()
-        if rule.across:
-            ancestors, log_weight, bounds = resample.across(before, e.scenarios, e.n, seeds)
-            spare = np.zeros(e.n, bool)
-            for which in (e, *(beside.ensemble for beside in self._debris.values())):
-                record.lay(which, bounds)
-        else:
-            ancestors, log_weight, spare = resample.offspring(before, e.scenarios, self._target, rule.method, seeds)
+    def redraw(self, drawn: Drawn, until: int) -> None:
+        """Draw all particles of a run anew at a time [s after start]."""
+        for column in self.columns.values():
+            values = column.to_numpy().reshape(-1, self.ensemble.n)
+            column.from_numpy(np.ascontiguousarray(values[:, drawn.ancestors]).reshape(-1))
+        self.begin_anew(drawn, until)
+
+    def begin_anew(self, drawn: Drawn, until: int) -> None:
+        """Make particles of what has been copied from their ancestors at a time [s after start]."""
+        e = self.ensemble
+        every = [e, *(beside.ensemble for beside in self._debris.values())]
         with np.errstate(invalid="ignore"):  # spare slots have no weight before or after
-            own = self.unsearched[ancestors] - before[ancestors] + log_weight
-        self.unsearched = np.where(log_weight > -np.inf, own, -np.inf)
-        begun = [flown.exposed.columns for flown in self._waiting if flown.exposed]
-        columns = [column for own in begun for column in own] + list(self._shared.values())
-        columns += self._observers.columns
-        for beside in self._debris.values():
-            record.inherit(beside.ensemble, ancestors)
-            self._wait_anew(beside.ensemble, until)
-        if self._never is not None:
-            self._never = self._never[ancestors]
-        record.inherit(e, ancestors)
-        for column in columns:
-            values = column.to_numpy().reshape(-1, e.n)
-            column.from_numpy(np.ascontiguousarray(values[:, ancestors]).reshape(-1))
-        e.log_weight.from_numpy(log_weight)
-        status = np.where(spare, int(Status.LEFT), e.status.to_numpy())
-        e.status.from_numpy(status.astype(np.int32))
-        self._wait_anew(e, until)
-        return ancestors
+            own = self.unsearched - e.log_weight.to_numpy() + drawn.log_weight
+        self._held["unsearched"].values = np.where(drawn.log_weight > -np.inf, own, -np.inf)
+        for name in ("lineage", "ancestors"):
+            self._held.setdefault(name, OnHost(drawn.ancestors.astype(np.int32)))
+        e.log_weight.from_numpy(drawn.log_weight)
+        e.status.from_numpy(np.where(drawn.spare, int(Status.LEFT), e.status.to_numpy()).astype(np.int32))
+        for which in every:
+            which.layout = drawn.layout
+            self._wait_anew(which, until)
 
     def _wait_anew(self, which: Ensemble, time: int) -> None:
         """Let the waits of particles ashore begin at a time, where they refloat.
@@ -348,72 +391,38 @@ class Search:
             which.status_since.from_numpy(np.where(ashore, time, since).astype(np.int32))
 
     def ancestors(self) -> Array | None:
-        """Return whose offspring the particles are, int64 (n,), since it was last asked.
+        """Return whose offspring the particles are, slots of the whole run (n,), since it was last asked.
 
         Return None if they are themselves.
         """
-        ancestors, self._ancestors = self._ancestors, None
-        return ancestors
+        held = self._held.pop("ancestors", None)
+        return None if held is None else held.values
+
+    def lineage(self) -> Array | None:
+        """Return the particle of the begin from which each descends, int32 (n,); None: itself."""
+        held = self._held.get("lineage")
+        return None if held is None else held.values
 
     def _group(self, flown: SortieExposure, columns: dict[tuple[str, float], Device]) -> Device:
         """Return the columns of the misses that share a sortie's unknown factor of sweep width."""
         if len(flown.factors) == 1:
             return self.ensemble.log_weight  # the kernel reads no group then, so any column will do
-        key = (flown.sortie.group, flown.sortie.shape)
+        key = _group_of(flown.sortie)
         if key not in columns:
             columns[key] = runtime.empty(self.ensemble.n * len(flown.factors))
         return columns[key]
 
-    def _evidence(self, then: Weighed, now: Weighed, what: str) -> Array:
-        """Return the log of mean weight after over before, by scenario and of all; refuse what no scenario allows."""
-        whole = now.log_sum - then.log_sum
-        with np.errstate(invalid="ignore"):  # NaN for a scenario that had no weight before
-            sums = now.log_sums - then.log_sums
-        if not np.isfinite(whole):
-            names = ", ".join(f'"{s.name}"' for s in self._spec.scenarios)
-            raise UserError(
-                f"{what} contradicts every scenario ({names}): after it no particle has any weight, and nothing can be "
-                "said. Check its place, time and error, or allow for doubt: a POD or detection below 1, a belief below "
-                "1, false alarms, or a wider prior"
-            )
-        return np.array([*sums, whole])
 
-    def _effective(self, log_weight: Array, weighed: Weighed) -> float:
-        """Return the effective number of particles by log weights (n,), copies as one (drift.forecast.effective)."""
-        if not self._drawn_anew or log_weight.max() == -np.inf:
-            return weighed.ess
-        return weights.effective(self.ensemble.blocks.grouped(self._lineage, weights.relative(log_weight)))
+def exposures(spec: EnsembleSpec, sorties: Sequence[Sortie], scene: Scene) -> list[SortieExposure]:
+    """Return sorties made ready to be flown in a scene."""
+    seas = scene.seas("current")
+    members = [scene.forcing.members(sea[0], "current") for sea in seas]
+    return [SortieExposure(sortie, spec.period.epoch, seas, members) for sortie in sorties]
 
-    def _weighed(self, log_weight: Array) -> Weighed:
-        """Return what is needed of the weights of all particles."""
-        return weights.weighed(log_weight, self.ensemble.blocks)
 
-    def _mean(self, part: Array, weight: Array) -> Array:
-        """Return a part of the weight as a share, by scenario and of all; 0 where there is no weight."""
-        sums = self.ensemble.blocks.partial(part, weight)
-        over, under = np.concatenate([sums.by_scenario[:, 0], sums.total]).T
-        return np.asarray(np.divide(over, under, out=np.zeros(len(under)), where=under > 0))
-
-    def _alive(self, time: float) -> Array:
-        """Return each particle's chance of being alive at a time [s after start]; 1 without survival times."""
-        release = self.ensemble.release.to_numpy()
-        alive = np.ones(self.ensemble.n)
-        for scenario, (a, b) in zip(self._spec.scenarios, self.ensemble.scenarios, strict=True):
-            if scenario.survival:
-                alive[a:b] = scenario.survival.alive(time - release[a:b])
-        return alive
-
-    def _standing(self, time: np.datetime64, log_weight: Array, ess: float) -> Standing:
-        """Return how the search stands at a time, by log weights (n,) and their effective number."""
-        self._least = min(self._least, ess)
-        return standing(time, self.ensemble, log_weight, self._never, self._least, self._spec.period.duration)
-
-    def _note(self, update: Update, before: Array, log_weight: Array) -> None:
-        """Take an update down, with the log weights (n,) before and after it."""
-        distinct = self._updates[-1].distinct if self._updates else 1.0
-        self._updates.append(replace(update, distinct=distinct))
-        if self._noted is not None:
-            self._noted(self._updates[-1], before, log_weight, self._lineage if self._drawn_anew else None)
+def _group_of(sortie: Sortie) -> tuple[str, float]:
+    """Return what sorties have in common that share an unknown factor of sweep width."""
+    return sortie.group, sortie.shape
 
 
 def _living(ensemble: Ensemble) -> list[int]:

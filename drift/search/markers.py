@@ -41,6 +41,15 @@ class Marker:
         time = tuple(start + t for t in self._time)
         return Legs(time, tuple(lon.tolist()), tuple(lat.tolist()), (True,) * (len(time) - 1))
 
+    @property
+    def way(self) -> Array:
+        """Its way so far: time [s after the run's start], lon, lat [rad], (k, 3)."""
+        return np.column_stack([self._time, np.reshape(self._place, (-1, 2))])
+
+    def go_on(self, way: Array) -> None:
+        """Take up a way so far."""
+        self._time, self._place = way[:, 0].tolist(), list(way[:, 1:])
+
     def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
         """Move it over the step from `elapsed` on, for which the forcing is set."""
         begin, end = max(float(elapsed), self.begin), float(elapsed + duration)
@@ -82,9 +91,6 @@ class Tracked:
     def where(self, time: Array) -> tuple[Array, Array]:
         """Return (lon, lat) [rad] at times [s after the run's start]."""
         return np.interp(time, self.time, self.lon), np.interp(time, self.time, self.lat)
-
-    def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
-        """Do nothing, for its track is known."""
 
 
 def tracked(track: Legs, start: int) -> Tracked:

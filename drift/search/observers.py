@@ -16,6 +16,7 @@ from drift.motion.scene import Begin, Scene
 from drift.motion.simulate import PositionsAt
 from drift.particles.ensemble import Ensemble
 from drift.search import looks, sensor_shape
+from drift.search.crossings import Watched
 from drift.search.records import Barrier, Kind, Line, Presence, Sensors
 from geo import notation
 from geo.array import Array
@@ -29,7 +30,7 @@ Places = tuple[Device, Device]  # lon and lat
 FOR_EVER = 2**31 - 1  # [s] when a line is no longer looked at
 
 
-@dataclass
+@dataclass(eq=False)
 class Observer:
     """One sensor in one run; times are seconds after the run's start."""
 
@@ -101,16 +102,39 @@ class Observers:
         looking: list[Presence | Barrier] = [*sensors.presences, *sensors.barriers]
         self._waiting = [observer(what, spec) for what in looking]
         self.lines = [observer(line, spec) for line in sensors.lines]
+        self._all = (*self._waiting, *self.lines)
         self._step: Step | None = None
         self._begin: Begin | None = None
         self._known: tuple[int, Places] | None = None  # when in the step, and where, its particles are known to be last
         self._cuts = 0  # parts of the step so far
 
     @property
-    def columns(self) -> list[Device]:
-        """All that particles drawn anew have from their ancestors."""
-        every = [*self._waiting, *self.lines]
-        return [column for seen in every for column in seen.columns if column.shape[0] == self._ensemble.n]
+    def columns(self) -> dict[str, Device]:
+        """What those that are not over have of particles, by name."""
+        return {
+            f"sensor {number} {which}": column
+            for number, seen in enumerate(self._all)
+            if seen in self.lines or seen in self._waiting
+            for which, column in enumerate(seen.columns)
+            if which == 0 or seen.besides != observe.WHETHER
+        }
+
+    def column(self, number: int, which: int) -> Device:
+        """Return a column of one of them, made where it is not there yet."""
+        return self._all[number].ready(self._ensemble.n)[which]
+
+    def over_by(self, time: int) -> None:
+        """Take it that all that was over by a time is past."""
+        self._waiting = [seen for seen in self._waiting if seen.end > time]
+
+    def watched(self) -> list[Watched]:
+        """Return the lines, and what they have seen so far."""
+        found = []
+        for seen in self.lines:
+            assert isinstance(seen.what, Line)
+            stayed, told = seen.ready(self._ensemble.n)
+            found.append(Watched(seen.what, stayed.to_numpy(), told.to_numpy()))
+        return found
 
     def stops(self, after: int, until: int) -> set[int]:
         """Return the times in (after, until] at which one of them begins or is over [s after start]."""

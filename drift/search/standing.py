@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drift.particles import weights
-from drift.particles.ensemble import Ensemble
+from drift.particles.partials import Blocks
 from geo.array import Array
 
 # Bins of release times, each with its own mean: those within the run (of a window of 40 h each has 6 minutes), those in
@@ -29,21 +29,27 @@ class Standing:
 
 
 def standing(
-    time: np.datetime64, ensemble: Ensemble, log_weight: Array, never: Array | None, effective: float, duration: float
+    time: np.datetime64,
+    release: Array,
+    blocks: Blocks,
+    log_weight: Array,
+    never: Array | None,
+    effective: float,
+    duration: float,
 ) -> Standing:
-    """Return how a search stands by its particles' log weights, release times, and shares never searched (n,).
+    """Return how a search stands by its particles' release times, log weights, and shares never searched (n,).
 
     duration: of the run [s].
     """
-    weight, release = weights.normalised(log_weight, ensemble.blocks), ensemble.release.to_numpy()
+    weight = weights.normalised(log_weight, blocks)
     first, last = float(release.min()), float(release.max(initial=0, where=release <= duration))
     inside = np.minimum((release - first) / max(last - first, 1.0) * WITHIN, WITHIN - 1)
     beyond = WITHIN + np.minimum((release - duration) / MONTH * AFTER, AFTER)
     bins, many = np.where(release <= duration, inside, beyond).astype(np.int64), WITHIN + AFTER + 1
-    mass, when = np.moveaxis(ensemble.blocks.partial(weight, weight * release, code=bins, many=many).by_scenario, -1, 0)
+    mass, when = np.moveaxis(blocks.partial(weight, weight * release, code=bins, many=many).by_scenario, -1, 0)
     when = np.divide(when, mass, out=np.full_like(when, first), where=mass > 0)
     share, free = mass.sum(axis=1), np.ones(len(mass))
     if never is not None:
-        unsearched = ensemble.blocks.partial(weight * never).by_scenario[:, 0, 0]
+        unsearched = blocks.partial(weight * never).by_scenario[:, 0, 0]
         np.divide(unsearched, share, out=free, where=share > 0)
     return Standing(time, when, mass, np.append(free, share @ free), effective)

@@ -24,6 +24,7 @@ from drift.particles import resample
 from drift.particles.status import Status
 from drift.search import debris, sensor_path
 from drift.search.filter import Search
+from drift.search.meeting import Drawn
 from drift.search.records import (
     Barrier,
     Contact,
@@ -734,7 +735,8 @@ def test_copies_ashore_begin_their_waits_anew_debris_too(tmp_path):
     for ensemble in (begin.ensemble, beside.ensemble):
         ensemble.status.from_numpy(np.where(np.arange(2000) % 3 == 0, int(Status.ASHORE), 0).astype(np.int32))
         ensemble.status_since.fill(17)
-    search._draw(7200)
+    log_weight, layout = begin.ensemble.log_weight.to_numpy(), begin.ensemble.layout
+    search.redraw(Drawn(*resample.offspring(log_weight, [(0, 2000)], [2000], "systematic", (1, 1)), layout), 7200)
     for ensemble in (begin.ensemble, beside.ensemble):
         ashore = ensemble.status.to_numpy() == Status.ASHORE
         assert 0 < ashore.sum() < 2000

@@ -1,0 +1,96 @@
+"""Where all particles of a run meet: what the filter asks of them together.
+
+That is how likely a doubtful contact is, and whether so few of them count that they are drawn anew. A run in one piece
+has its particles here (`Alone`); a shard of a run stops where it has to ask (drift.shards.stretch).
+"""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from drift.particles import resample, weights
+from drift.particles.ensemble import Layout
+from drift.particles.weights import Weighed
+from drift.search.account import Account, Event
+from drift.search.records import Resampling
+from geo.array import Array
+
+
+class Drawn(NamedTuple):
+    """Particles that have been drawn anew, by slots of the whole run."""
+
+    ancestors: Array  # int64 (n,) slot of each one's ancestor
+    log_weight: Array  # float32 (n,)
+    spare: Array  # bool (n,): nobody is there
+    layout: Layout
+
+
+class Meeting(Protocol):
+    """Of the particles that are here with all others of the run."""
+
+    def begin(self, elapsed: int, until: int) -> None:
+        """Take note that a step is about to be made [s after start]."""
+
+    def take(self, event: Event) -> None:
+        """Take down what took effect."""
+
+    def mean(self, contact: int, before: Weighed, after: Weighed) -> float:
+        """Return the log of the mean likelihood of a contact, by the weights before and after it that are here."""
+
+    def anew(self, log_weight: Array, layout: Layout) -> Drawn | None:
+        """Return the particles drawn anew at the end of a step in which something took effect; None: they need not be."""
+
+
+def log_mean(before: Weighed, after: Weighed) -> float:
+    """Return the log of the mean likelihood by all weights before and after it; -inf: it is impossible."""
+    return after.log_sum - before.log_sum
+
+
+class Redrawing:
+    """When and how all particles of a run are drawn anew."""
+
+    def __init__(self, seed: int, rule: Resampling, target: list[int]) -> None:
+        """Make ready; target: how many particles each scenario aims at."""
+        self._seed, self._rule, self.target = seed, rule, target
+        self._events = 0  # after which it was asked last
+
+    def anew(self, log_weight: Array, layout: Layout, events: int) -> Drawn | None:
+        """Return the particles drawn anew by their log weights (n,) after some events; None: they need not be."""
+        if self._rule.below <= 0 or events == self._events:
+            return None
+        self._events = events
+        if weights.weighed(log_weight, layout.blocks).ess >= self._rule.below * sum(self.target):
+            return None
+        scenarios = list(zip(layout.bounds[:-1], layout.bounds[1:], strict=True))
+        seeds = self._seed, events
+        if self._rule.across:
+            ancestors, new, bounds = resample.across(log_weight, scenarios, layout.bounds[-1], seeds)
+            return Drawn(ancestors, new, np.zeros(len(new), bool), Layout(bounds, bounds[:-1], layout.block))
+        return Drawn(*resample.offspring(log_weight, scenarios, self.target, self._rule.method, seeds), layout)
+
+
+class Alone:
+    """All particles of a run are here."""
+
+    def __init__(self, account: Account, redrawing: Redrawing) -> None:
+        """Make ready."""
+        self.account, self._redrawing = account, redrawing
+
+    def begin(self, elapsed: int, until: int) -> None:
+        """Nothing is to be done."""
+
+    def take(self, event: Event) -> None:
+        """Tell what took effect."""
+        self.account.take(event)
+
+    def mean(self, contact: int, before: Weighed, after: Weighed) -> float:
+        """Return the log of the mean likelihood of a contact."""
+        return log_mean(before, after)
+
+    def anew(self, log_weight: Array, layout: Layout) -> Drawn | None:
+        """Return the particles drawn anew; None: they need not be."""
+        return self._redrawing.anew(log_weight, layout, len(self.account.updates))
+
+    def drawn(self, log_weight: Array, lineage: Array, layout: Layout) -> None:
+        """Take down that particles were drawn anew: their log weights and lineage (n,)."""
+        self.account.drawn_anew(log_weight, lineage, layout, sum(self._redrawing.target))
