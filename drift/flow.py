@@ -119,7 +119,7 @@ def forecasted(job: Job, noted: Noted | None = None) -> Result:
     many = _shards(job)
     with contextlib.ExitStack() as stack:
         if many > 1 or job.client is not None:
-            return made(job, _in_shards(job, many, stack))
+            return made(job, _in_shards(job, many, stack, noted))
         with job.clock.phase("start"):
             begin = start.prepare(job.case, job.where)
         return made(job, moved(job, begin, stack, noted))
@@ -132,13 +132,14 @@ def _shards(job: Job) -> int:
     return many if job.shards or divide.refusal(job.case) else work.begun(job.out) or many
 
 
-def _in_shards(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:
+def _in_shards(job: Job, many: int, stack: contextlib.ExitStack, noted: Noted | None) -> Ended:
     """Return a job's run, moved in shards; its particles can be read as long as the stack is open."""
     with job.clock.phase("start"):
         whole = divide.prepare(job.case, job.where, many)
     stack.enter_context(contextlib.closing(whole.setup.scene.forcing))
     with job.clock.phase("drift"):
-        return Ended(whole.setup, stack.enter_context(shards_run.moved(job, whole)))
+        done = stack.enter_context(shards_run.moved(job, whole, noted))
+    return Ended(whole.setup, done.snapshots, done.updates, done.posteriors, begun=done.begun)
 
 
 def moved(job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None) -> Moved:
@@ -253,7 +254,7 @@ def _drifted(
         )
         spool = Spool.of_run(case.period, begin.ensemble, moments, len(outputs), worlds=case.spill is not None)
         snapshots = stack.enter_context(spool)
-        start.check_end(case, job.where, begin, snapshots, search)
+        start.check_end(case, job.where, begin, snapshots, search.unsearched if search else None)
     done = Drifted(begin.ensemble, snapshots, landings, begin.worlds)
     return done, search.updates if search else None, beliefs.posteriors if beliefs else None
 

@@ -133,7 +133,7 @@ def _forecast(
         search, outputs = start.search(case, begin), case.period.seconds(case.outputs)
         moments = simulate.run(begin.ensemble, begin.scene, begin.clock, outputs, search=search)
         with Spool.of_run(case.period, begin.ensemble, moments, len(outputs)) as snapshots:
-            start.check_end(case, where, begin, snapshots, search)
+            start.check_end(case, where, begin, snapshots, search.unsearched if search else None)
             seen = list(snapshots)
     finally:
         begin.scene.forcing.close()

@@ -210,17 +210,19 @@ def search(
     beliefs: Beliefs | None = None,
     noted: Noted | None = None,
     meeting: Meeting | None = None,
+    *,
+    resumed: bool = False,
 ) -> Search | None:
     """Return the filter by what a case says was searched and seen, or is to be told; None where that is nothing.
 
     beliefs: takes down what is believed after each update. noted: is told of each too. meeting: with the other shards of
-    the run; None: this is all of it.
+    the run; None: this is all of it. resumed: see Search.
     """
     if not (is_searched(case) or case.sensors.lines):
         return None
     return Search(
         begin.spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors,
-        noting(beliefs, noted), (case.plan.begin,) if case.units else (), meeting,
+        noting(beliefs, noted), (case.plan.begin,) if case.units else (), meeting, resumed,
     )  # fmt: skip
 
 
@@ -254,13 +256,15 @@ def is_standing(case: Case) -> bool:
     return not case.spill and bool(case.sorties or any(scenario.survival for scenario in case.scenarios))
 
 
-def check_end(case: Case, where: Environment, begin: Setup, snapshots: Spool, search: Search | None) -> None:
-    """Refuse a run that lost more than the case allows, by weights as if no sortie had been flown.
+def check_end(case: Case, where: Environment, begin: Setup, snapshots: Spool, unsearched: Array | None) -> None:
+    """Refuse a run that lost more than the case allows.
+
+    unsearched: log weights (n,) as if no sortie had been flown; None: those of the run.
 
     What is lost is a matter of the motion: a good search that finds nothing leaves what it could not reach, and is not
     to be refused for that.
     """
-    weight = None if search is None else shares(search.unsearched)
+    weight = None if unsearched is None else shares(unsearched)
 
     def ends() -> Iterator[AtEnd]:
         for part in snapshots.outputs[-1].parts():

@@ -50,12 +50,17 @@ def layout(spec: EnsembleSpec) -> Layout:
     return Layout(bounds, bounds[:-1], (partials.BLOCK,) * len(spec.scenarios))
 
 
+def empty(spec: EnsembleSpec, own: Layout) -> Ensemble:
+    """Return an ensemble of scenarios with the columns of their models, before anything is drawn."""
+    columns = (*models.columns(spec.scenarios), *((members.COLUMN,) if spec.members else ()))
+    return record.empty(spec.seed, own, columns)
+
+
 def draw(spec: EnsembleSpec, coast: DeviceCoast | None, own: Layout | None = None) -> Prior:
     """Return the initial ensemble of scenarios, conditioned on water; own: of a shard, by default of the whole run."""
     whole = layout(spec)
     own = own or whole
-    columns = (*models.columns(spec.scenarios), *((members.COLUMN,) if spec.members else ()))
-    ensemble = record.empty(spec.seed, own, columns)
+    ensemble = empty(spec, own)
     key = noise.key(spec.seed)
     tried: list[tuple[int, int]] = []
     for scenario, slots in zip(spec.scenarios, ensemble.slots, strict=True):

@@ -3,6 +3,7 @@
 Memory holds one time, or a part of it, however many there are.
 """
 
+import itertools
 import os
 import shutil
 import tempfile
@@ -89,8 +90,8 @@ class Reel:
     notes: dict[str, Noted] = field(default_factory=dict)  # what else a run takes down, by name
     _size: int = 0
 
-    def record(self, period: Period, ensemble: Ensemble, moments: Iterable[Moment]) -> None:
-        """Take up the moments of a run as they come, and what its ensemble has at its end."""
+    def record(self, period: Period, moments: Iterable[Moment]) -> None:
+        """Take up the moments of a run as they come."""
         for moment in moments:
             columns = {"lon": moment.lon, "lat": moment.lat, "status": moment.status}
             if moment.log_weight is not None:
@@ -104,12 +105,20 @@ class Reel:
             if moment.lineage is not None and "family" not in where:
                 where["family"] = before["family"]
             self.taken.append(Taken(period.time(moment.elapsed), moment.layout, where))
+
+    def end_with(self, ensemble: Ensemble) -> None:
+        """Take up what an ensemble has at the end of the run."""
         for name in (*END, *({members.COLUMN.name} & {*ensemble.own})):
             self.end[name] = self._keep(name, ensemble.columns[name].to_numpy())
 
     def reweigh(self, log_weight: Array) -> None:
         """Take weights for all times that have none of their own."""
         self.end["log_weight"] = self._keep("log_weight", log_weight)
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is in it."""
+        return self._size == 0
 
     def note(self, name: str, values: Array) -> None:
         """Take down values of one dimension and any kind under a name."""
@@ -161,9 +170,13 @@ class Reel:
 class Spool(Sequence[Snapshot]):
     """Snapshots of a run, read back one at a time or part by part; a context, which closes its files at its end."""
 
-    def __init__(self, reels: Sequence[Reel], *, worlds: bool = False) -> None:
-        """Put the reels of all shards together; worlds: whether particles share unknowns with others of their world."""
-        self._reels, self._worlds = list(reels), worlds
+    def __init__(self, stretches: Sequence[Sequence[Reel]], *, worlds: bool = False) -> None:
+        """Put the reels of all shards together, stretch after stretch of the run; all moments of one are in one stretch.
+
+        worlds: whether particles share unknowns with others of their world.
+        """
+        self._stretches, self._worlds = [list(reels) for reels in stretches], worlds
+        self._moments = [(reels, at) for reels in self._stretches for at in range(len(reels[0].taken))]
         self._scale: dict[int, tuple[float, float]] = {}  # see _normal
 
     @classmethod
@@ -182,13 +195,14 @@ class Spool(Sequence[Snapshot]):
             raise _refusal(error.strerror or str(error)) from error
         reel = Reel(file, ensemble.n)
         try:
-            reel.record(period, ensemble, moments)
+            reel.record(period, moments)
+            reel.end_with(ensemble)
         except NoRoom as error:
             raise _refusal(f"{error}; all output times need {_size(need)}") from error
         except BaseException:
             file.close()
             raise
-        return cls([reel], worlds=worlds)
+        return cls([[reel]], worlds=worlds)
 
     def __enter__(self) -> "Spool":
         return self
@@ -196,21 +210,22 @@ class Spool(Sequence[Snapshot]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for reel in self._reels:
+        for reel in itertools.chain(*self._stretches):
             reel.file.close()
 
     def reweigh(self, ensemble: Ensemble) -> None:
         """Take the weights that an ensemble has now, for all times that have none of their own."""
-        (reel,) = self._reels
+        (reel,) = self._stretches[-1]
         reel.reweigh(ensemble.log_weight.to_numpy())
         self._scale.clear()
 
     def time(self, index: int) -> np.datetime64:
         """Return the time of a snapshot."""
-        return self._reels[0].taken[index].time
+        reels, at = self._moments[index]
+        return reels[0].taken[at].time
 
     def __len__(self) -> int:
-        return len(self._reels[0].taken)
+        return len(self._moments)
 
     @overload
     def __getitem__(self, index: int) -> Snapshot: ...
@@ -219,9 +234,8 @@ class Spool(Sequence[Snapshot]):
     def __getitem__(self, index: int | slice) -> Snapshot | list[Snapshot]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
-        (reel,) = self._reels
-        at = range(len(self))[index]
-        return self._some(reel, at, (0, len(reel.taken[at].layout.blocks.first)))
+        (reel,), at = self._moments[index]
+        return self._some(reel, range(len(self))[index], (0, len(reel.taken[at].layout.blocks.first)))
 
     def __iter__(self) -> Iterator[Snapshot]:
         return (self[i] for i in range(len(self)))
@@ -229,7 +243,7 @@ class Spool(Sequence[Snapshot]):
     @property
     def n(self) -> int:
         """Number of particles."""
-        return sum(reel.n for reel in self._reels)
+        return sum(reel.n for reel in self._stretches[-1])
 
     @property
     def outputs(self) -> list["AtTime"]:
@@ -238,29 +252,32 @@ class Spool(Sequence[Snapshot]):
 
     def parts(self, at: int) -> Iterator[Snapshot]:
         """Return a snapshot in parts of some PART slots."""
-        return (self._some(reel, at, span) for reel in self._reels for span in reel.spans(at))
+        reels, own = self._moments[at]
+        return (self._some(reel, at, span) for reel in reels for span in reel.spans(own))
 
-    def _some(self, reel: Reel, at: int, span: tuple[int, int]) -> Snapshot:
-        """Return a range of blocks of a reel's snapshot."""
+    def _some(self, reel: Reel, number: int, span: tuple[int, int]) -> Snapshot:
+        """Return a range of blocks of a reel's part of a snapshot, by its number."""
+        at = self._moments[number][1]
         taken = reel.taken[at]
         own, slots = taken.layout.blocks.some(*span), reel.slots(at, span)
         lon, lat, status = (reel.read(name, at, *slots) for name in ("lon", "lat", "status"))
-        scale, total = self._normal(at)
+        scale, total = self._normal(number)
         probability = np.exp(reel.logs(at, *slots).astype(np.float64) - scale) / total
         scenario = np.repeat(own.scenario.astype(np.int32), np.diff(own.first, append=own.n))
         family = reel.read("family", at, *slots) if "family" in taken.where else None
         world = reel.read("world", None, *slots) if self._worlds else None
         # What a particle drifts in is known of its end: before it was drawn anew a slot may have had another.
-        member = reel.read("member", None, *slots) if "member" in reel.end and at == len(self) - 1 else None
+        member = reel.read("member", None, *slots) if "member" in reel.end and number == len(self) - 1 else None
         return Snapshot(
             taken.time, lon, lat, probability, status.astype(np.int32), scenario, family, world, member, own
         )
 
     def _normal(self, at: int) -> tuple[float, float]:
         """Return the largest log weight of a snapshot, and the sum of all weights in units of the largest."""
-        key = at if "log_weight" in self._reels[0].taken[at].where else -1  # those of the end are summed once
+        (reels, at), number = self._moments[at], at
+        key = number if "log_weight" in reels[0].taken[at].where else -1  # those of the end are summed once
         if key not in self._scale:
-            spans = [(reel, span) for reel in self._reels for span in reel.spans(at)]
+            spans = [(reel, span) for reel in reels for span in reel.spans(at)]
             top = max(float(reel.logs(at, *reel.slots(at, span)).max()) for reel, span in spans)
             sums = [
                 reel.taken[at]
@@ -277,12 +294,12 @@ class Spool(Sequence[Snapshot]):
         slots: their numbers at the last time, (m,). What was drawn anew is what its ancestors were before.
         """
         found: dict[str, list[Array]] = {name: [] for name in ("lon", "lat", "status", "scenario", "probability")}
-        for at in range(len(self) - 1, -1, -1):
+        for number in range(len(self) - 1, -1, -1):
             own = {name: np.empty(len(slots), np.float64 if name == "probability" else np.int32) for name in found}
-            before = slots.copy()
-            for reel in self._reels:
+            before, (reels, at) = slots.copy(), self._moments[number]
+            for reel in reels:
                 for span in reel.spans(at):
-                    part = self._some(reel, at, span)
+                    part = self._some(reel, number, span)
                     here, which = _within(part.blocks, slots)
                     for name, values in own.items():
                         values[which] = getattr(part, name)[here]
@@ -296,7 +313,7 @@ class Spool(Sequence[Snapshot]):
     def at_end(self, names: Sequence[str], slots: Array) -> tuple[Array, ...]:
         """Return columns of the ensemble at the end of the run, (m,) each; slots: numbers of particles, (m,)."""
         columns = tuple(np.empty(len(slots), KINDS[name]) for name in names)
-        for reel in self._reels:
+        for reel in self._stretches[-1]:
             here, which = _within(reel.taken[-1].layout.blocks, slots)
             if which.size:
                 first, last = int(here.min()), int(here.max()) + 1

@@ -50,9 +50,12 @@ class Debris:
 
 
 def of_contacts(
-    spec: EnsembleSpec, contacts: list[tuple[int, Contact]], scene: Scene, beside: Ensemble
+    spec: EnsembleSpec, contacts: list[tuple[int, Contact]], scene: Scene, beside: Ensemble, *, resumed: bool = False
 ) -> dict[Drifter, Debris]:
-    """Return the debris that contacts tell of, by class; spec: what the objects beside it are drawn from."""
+    """Return the debris that contacts tell of, by class; spec: what the objects beside it are drawn from.
+
+    resumed: whether its columns come from elsewhere, and need not be drawn.
+    """
     steered = tuple(number for number, scenario in enumerate(spec.scenarios) if scenario.itinerary)
     debris: dict[Drifter, Debris] = {}
     for time, contact in contacts:
@@ -66,10 +69,13 @@ def of_contacts(
         # Debris drifts, however the object beside it moves.
         drifting = tuple(replace(s, object=drifter, model="drift", motion=None, itinerary=None) for s in spec.scenarios)
         own = replace(spec, scenarios=drifting)
-        ensemble = prior.draw(own, scene.place.coast).ensemble
-        for slots in ensemble.slots:  # coefficients of its own
-            drift.draw_leeway(ensemble, slots, noise.key(spec.seed, Purpose.DEBRIS, number), drifter)
-        if steered:  # it goes adrift with its object
+        if resumed:
+            ensemble = prior.empty(own, beside.layout)
+        else:
+            ensemble = prior.draw(own, scene.place.coast, beside.layout).ensemble
+            for slots in ensemble.slots:  # coefficients of its own
+                drift.draw_leeway(ensemble, slots, noise.key(spec.seed, Purpose.DEBRIS, number), drifter)
+        if steered and not resumed:  # it goes adrift with its object
             own_release, theirs = ensemble.release.to_numpy(), beside.release.to_numpy()
             later = np.isin(beside.scenario.to_numpy(), steered)
             ensemble.release.from_numpy(np.where(later, theirs, own_release))

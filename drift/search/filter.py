@@ -71,11 +71,13 @@ class Search:
         noted: Noted | None = None,
         known: Sequence[np.datetime64] = (),
         meeting: Meeting | None = None,
+        resumed: bool = False,
     ) -> None:
         """Make ready for a run through a scene of an ensemble that has been drawn from `spec`.
 
         noted: is told of each update as it takes effect. known: when it is known that nothing was reported, besides the times
-        of sorties, contacts and sensors. meeting: with the other shards of the run; None: this is all of it.
+        of sorties, contacts and sensors. meeting: with the other shards of the run; None: this is all of it. resumed: whether the
+        particles' columns are still to come from elsewhere, and `resume` is to be called.
         """
         self._spec, self._resampling, self.ensemble, self._scene = spec, resampling, ensemble, scene
         self._start = spec.period.epoch
@@ -93,7 +95,9 @@ class Search:
         heard += [time for sortie in sorties for time in (sortie.start, sortie.end)]
         self._begins = overdue.begins(spec)
         self._overdue = overdue.times(spec, [spec.period.elapsed(time) for time in heard])
-        self._debris = debris.of_contacts(spec, [(time, seen) for time, _, seen in self._contacts], scene, ensemble)
+        self._debris = debris.of_contacts(
+            spec, [(time, seen) for time, _, seen in self._contacts], scene, ensemble, resumed=resumed
+        )
         first = self.ensemble.log_weight.to_numpy()
         # What no kernel needs: "unsearched", log weights (n,) by all that was seen, as if no sortie had been flown; "never",
         # product over sorties of the share of time that a particle was not searched; "lineage", the particle of the begin
@@ -103,7 +107,7 @@ class Search:
         if meeting is None:
             self._account = Account(spec, noted)
             self._account.begin(first, ensemble.layout)
-            meeting = Alone(self._account, Redrawing(spec.seed, resampling, _living(ensemble)))
+            meeting = Alone(self._account, Redrawing(spec.seed, resampling, living(ensemble)))
         self._meeting = meeting
 
     @property
@@ -425,7 +429,7 @@ def _group_of(sortie: Sortie) -> tuple[str, float]:
     return sortie.group, sortie.shape
 
 
-def _living(ensemble: Ensemble) -> list[int]:
+def living(ensemble: Ensemble) -> list[int]:
     """Return how many slots of each scenario hold particles; others are to spare."""
     living = ensemble.status.to_numpy() != Status.LEFT
     counts = np.bincount(ensemble.scenario.to_numpy()[living], minlength=len(ensemble.scenarios))

@@ -52,13 +52,9 @@ class Redrawing:
     def __init__(self, seed: int, rule: Resampling, target: list[int]) -> None:
         """Make ready; target: how many particles each scenario aims at."""
         self._seed, self._rule, self.target = seed, rule, target
-        self._events = 0  # after which it was asked last
 
     def anew(self, log_weight: Array, layout: Layout, events: int) -> Drawn | None:
-        """Return the particles drawn anew by their log weights (n,) after some events; None: they need not be."""
-        if self._rule.below <= 0 or events == self._events:
-            return None
-        self._events = events
+        """Return the particles drawn anew by their log weights (n,) after so many events; None: they need not be."""
         if weights.weighed(log_weight, layout.blocks).ess >= self._rule.below * sum(self.target):
             return None
         scenarios = list(zip(layout.bounds[:-1], layout.bounds[1:], strict=True))
@@ -75,6 +71,7 @@ class Alone:
     def __init__(self, account: Account, redrawing: Redrawing) -> None:
         """Make ready."""
         self.account, self._redrawing = account, redrawing
+        self._events = 0  # after which it was asked last
 
     def begin(self, elapsed: int, until: int) -> None:
         """Nothing is to be done."""
@@ -89,7 +86,11 @@ class Alone:
 
     def anew(self, log_weight: Array, layout: Layout) -> Drawn | None:
         """Return the particles drawn anew; None: they need not be."""
-        return self._redrawing.anew(log_weight, layout, len(self.account.updates))
+        events = len(self.account.updates)
+        if events == self._events:
+            return None
+        self._events = events
+        return self._redrawing.anew(log_weight, layout, events)
 
     def drawn(self, log_weight: Array, lineage: Array, layout: Layout) -> None:
         """Take down that particles were drawn anew: their log weights and lineage (n,)."""

@@ -20,6 +20,7 @@ from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.step_size import TRIAL_SIZE
 from drift.particles import ensemble as record
 from drift.particles.ensemble import Ensemble, Layout
+from drift.search.filter import living
 from drift.start import Setup
 from geo.errors import UserError
 from kernels import coast as device_coast
@@ -38,18 +39,14 @@ class Divided:
     """A run that is about to be moved shard by shard."""
 
     setup: Setup
-    layouts: tuple[Layout, ...]
+    layout: Layout  # of all particles
+    many: int  # shards
+    target: list[int]  # particles of each scenario
 
 
 def refusal(case: Case) -> str:
     """Return why a case cannot be cut into shards; "" where it can."""
-    if case.spill:
-        return "a spill's worlds are weighed together"
-    if start.is_searched(case) or case.sensors.lines:
-        return "what was searched and seen weighs all particles together"
-    if any(scenario.itinerary or scenario.survival for scenario in case.scenarios):
-        return "what steers, and survival times, are told of all particles together"
-    return ""
+    return "a spill's worlds are weighed together" if case.spill else ""
 
 
 def number(case: Case, memory: float | None, shards: int | None, workers: int | None = None) -> int:
@@ -97,17 +94,17 @@ def prepare(case: Case, where: Environment, many: int) -> Divided:
     spec = start.spec_of(case, where)
     coast = device_coast.upload(where.coast) if where.coast else None
     whole = prior.layout(spec)
-    layouts = tuple(whole.shards(many))
     setup = start.staged(case, where, coast, _sample(spec, coast, whole), ())
     with start.closed_on_failure(setup):
-        tried, lacks = np.zeros((len(case.scenarios), 2), np.int64), []
-        for layout in layouts:
+        tried, target, lacks = np.zeros((len(case.scenarios), 2), np.int64), np.zeros(len(case.scenarios), np.int64), []
+        for layout in whole.shards(many):
             drawn = prior.draw(spec, coast, layout)
             tried += drawn.tried
+            target += living(drawn.ensemble)
             lacks.append(lost.lacking(where.box, drawn.ensemble, setup.scene, setup.clock))
         dry = prior.dry(spec, tried, coast)
         lost.check_prior(spec, where, case.max_lost, setup.scene, lost.merged(lacks))
-    return Divided(replace(setup, dry=dry), layouts)
+    return Divided(replace(setup, dry=dry), whole, many, target.tolist())
 
 
 def _sample(spec: EnsembleSpec, coast: DeviceCoast | None, whole: Layout) -> Ensemble:

@@ -1,47 +1,180 @@
-"""Moves a run shard by shard."""
+"""A run in shards: each is moved, or read where it is finished; then all are one run again."""
 
 import contextlib
+import functools
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
+
+import numpy as np
 
 from drift import facts, start
 from drift.job import Job
-from drift.motion.spool import Spool
-from drift.shards import cluster, machine, work
+from drift.motion.spool import Reel, Spool
+from drift.particles.ensemble import Layout
+from drift.particles.weights import Weighed
+from drift.posterior.records import Posteriors
+from drift.search import meeting
+from drift.search.account import Noted
+from drift.search.meeting import Redrawing
+from drift.search.standing import Standing
+from drift.search.updates import Updates
+from drift.shards import cluster, machine, stretch, work
 from drift.shards.divide import Divided
-from drift.shards.unit import Unit
+from drift.shards.told import Told, together
+from drift.shards.unit import From, Unit
+from drift.shards.work import LOG, Gone, Work
 from geo.errors import UserError
 from geo.files import digest
 
 
+@dataclass(frozen=True)
+class Moved:
+    """A run whose shards have been moved."""
+
+    snapshots: Spool
+    updates: Updates | None
+    posteriors: Posteriors | None
+    begun: Standing | None
+
+
+@dataclass
+class _Way:
+    """A run on its way from stretch to stretch."""
+
+    layout: Layout  # of the whole run
+    number: int = 0  # of the present stretch
+    since: From | None = None  # where it begins; None: at the run's start
+    known: dict[int, float] = field(default_factory=dict)  # log mean likelihoods of doubtful contacts, by their numbers
+    stretches: list[Sequence[Reel]] = field(default_factory=list)
+    events: int = 0  # after which it was last asked whether particles are drawn anew
+
+
 @contextlib.contextmanager
-def moved(job: Job, run: Divided) -> Iterator[Spool]:
-    """Give what the particles of a run were like at all output times."""
-    case, client = job.case, job.client
-    many = len(run.layouts)
-    need = work.need(sum(layout.bounds[-1] for layout in run.layouts), case.outputs.size)
-    units = [Unit(case, run.setup.clock, layout, number) for number, layout in enumerate(run.layouts)]
-    with work.opened(job.out, fingerprint(job, many), need) as kept:
-        if client is not None:
-            missing = [unit for unit in units if not kept.finished(unit.number)]
-            cluster.moved(client, kept, missing, partial(_tell, job, many - len(missing), many))
-        reels = []
-        for unit in units:
-            tell = partial(_tell, job, unit.number, many)
-            reels.append(kept.reel(unit.number, unit.n, partial(unit.move, run.setup.scene, job.where, tell)))
-        with Spool(reels) as spool:
-            try:
-                start.check_end(case, job.where, run.setup, spool, None)
-            except UserError:
-                kept.drop()  # the same command would only be refused again
-                raise
-            yield spool
+def moved(job: Job, run: Divided, noted: Noted | None) -> Iterator[Moved]:
+    """Give what the particles of a run were like at all output times, and what was told on the way."""
+    case = job.case
+    need = work.need(run.layout.bounds[-1], case.outputs.size)
+    with work.opened(job.out, fingerprint(job, run.many), need) as kept:
+        try:
+            way, told = _all(job, run, kept, noted)
+        except Gone as gone:
+            LOG.warning("%s of the run before is not there any more: it begins anew", gone)
+            kept.begin_anew()
+            way, told = _all(job, run, kept, noted)
+        last = way.stretches[-1]
+        with Spool(way.stretches) as spool:
+            unsearched = together(last, "unsearched") if "unsearched" in last[0].notes else None
+            with _dropped_if_refused(kept):
+                start.check_end(case, job.where, run.setup, spool, unsearched)
+            posteriors = told.beliefs.posteriors if told.beliefs else None
+            yield Moved(spool, told.updates(last, way.layout), posteriors, told.begun)
 
 
-def _tell(job: Job, done: int, many: int, share: float) -> None:
-    """Tell how much of the drift is done: so many shards, and a share of another (or of more, from 1 on)."""
-    job.tell("drift", min((done + share) / many, 1.0))
+def _all(job: Job, run: Divided, kept: Work, noted: Noted | None) -> tuple[_Way, Told]:
+    """Move all stretches of all shards."""
+    way, told = _Way(run.layout), None
+    while True:
+        units = _units(job, run, way)
+        reels = _stretch(job, run, kept, units)
+        way.stretches.append(reels)
+        if told is None:
+            told = Told(job.case, run.setup, reels, way.layout, noted)
+        with _dropped_if_refused(kept):
+            told.take(reels, way.layout)
+        result = stretch.result(reels[0])
+        if result.over:
+            return way, told
+        _go_on(job, run, kept, way, units, told)
+
+
+@contextlib.contextmanager
+def _dropped_if_refused(kept: Work) -> Iterator[None]:
+    """Keep nothing of a run that is refused: the same command would only be refused again."""
+    try:
+        yield
+    except UserError:
+        kept.drop()
+        raise
+
+
+def _units(job: Job, run: Divided, way: _Way) -> list[Unit]:
+    """Return the units of the present stretch."""
+    parts = way.layout.shards(run.many)
+    firsts = np.cumsum([0, *(part.bounds[-1] for part in parts)]).tolist()
+    return [
+        Unit(job.case, run.setup.clock, part, number, first, way.number, way.since, way.known)
+        for number, (part, first) in enumerate(zip(parts, firsts[:-1], strict=True))
+    ]
+
+
+def _stretch(job: Job, run: Divided, kept: Work, units: Sequence[Unit]) -> list[Reel]:
+    """Return the reels of a stretch of all shards, moved or read where they are finished."""
+    many, begun = len(units), (units[0].since.time if units[0].since else 0) / run.setup.clock.duration
+
+    def tell(done: int, share: float) -> None:
+        """Say how far the run is; share: how far the shard after those that are done is."""
+        job.tell("drift", begun + (done * (1 - begun) + max(share - begun, 0.0)) / many)
+
+    if job.client is not None:
+        missing = [unit for unit in units if not kept.finished(unit.name)]
+        cluster.moved(job.client, kept, missing, lambda done: tell(many - len(missing) + int(done), 0.0))
+    return [unit.move(run.setup.scene, job.where, partial(tell, unit.number), kept) for unit in units]
+
+
+def _go_on(job: Job, run: Divided, kept: Work, way: _Way, units: Sequence[Unit], told: Told) -> None:
+    """Let all shards meet at the end of a stretch, and go on to the next."""
+    reels, before = way.stretches[-1], way.since
+    result, states = stretch.result(reels[0]), [(unit.state, unit.first, unit.first + unit.n) for unit in units]
+    if result.since is not None and (before is None or result.since != before.time):
+        way.since = From(result.since, tuple(states))
+    if result.contact is not None:
+        weighed = {
+            name: merged(
+                [stretch.weighed(reel, name, unit.layout.blocks) for reel, unit in zip(reels, units, strict=True)]
+            )
+            for name in ("before", "after")
+        }
+        way.known = {**way.known, result.contact: meeting.log_mean(weighed["before"], weighed["after"])}
+    elif len(told.account.updates) > way.events:
+        way.events = len(told.account.updates)
+        assert way.since is not None
+        way.since = _drawn_anew(job, run, kept, way, told, way.since)
+    if before is not None and before is not way.since:
+        for name, _, _ in before.states:
+            kept.remove(name)
+    way.number += 1
+
+
+def _drawn_anew(job: Job, run: Divided, kept: Work, way: _Way, told: Told, since: From) -> From:
+    """Draw all particles anew at the end of a stretch if too few of them count; return where the next goes on."""
+    name, layout = f"drawn-{way.number:03}", way.layout
+    redrawing = Redrawing(job.case.seed, job.case.resampling, run.target)
+
+    def fill(reel: Reel) -> None:
+        states = [kept.read(name) for name, _, _ in since.states]
+        drawn = redrawing.anew(together(states, "particle log_weight"), layout, way.events)
+        reel.note("bounds", np.array(layout.bounds if drawn is None else drawn.layout.bounds))
+        if drawn is not None:
+            begun = together(states, "lineage") if "lineage" in states[0].notes else np.arange(layout.bounds[-1])
+            for what, values in (("log_weight", drawn.log_weight), ("spare", drawn.spare)):
+                reel.note(what, values)
+            reel.note("ancestors", drawn.ancestors.astype(np.int32))
+            reel.note("lineage", begun[drawn.ancestors].astype(np.int32))
+
+    reel = kept.reel(name, layout.bounds[-1], fill)
+    if "ancestors" not in reel.notes:
+        return since
+    bounds = tuple(reel.noted("bounds").tolist())
+    way.layout = layout if bounds == layout.bounds else Layout(bounds, bounds[:-1], layout.block)
+    told.account.drawn_anew(reel.noted("log_weight"), reel.noted("lineage"), way.layout, sum(run.target))
+    return replace(since, drawn=name)
+
+
+def merged(parts: Sequence[Weighed]) -> Weighed:
+    """Return what is needed of the weights of the particles of all shards."""
+    return functools.reduce(Weighed.merge, parts)
 
 
 def fingerprint(job: Job, many: int) -> dict[str, str]:

@@ -30,6 +30,7 @@ SUFFIX = ".unfinished"
 ABOUT = "about.json"
 NUMBER = "the number of shards"  # in the fingerprint
 INDICES = "shard-*.json"
+KINDS_OF_FILES = ("shard", "state", "drawn")  # of stretches, of where they ended, of who was drawn anew there
 CHUNK = 2**24
 LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
 
@@ -41,22 +42,48 @@ class Work:
     folder: Path
     files: contextlib.ExitStack
 
-    def reel(self, number: int, n: int, fill: Callable[[Reel], None]) -> Reel:
-        """Return the reel of a shard, read where it is finished, else filled and kept; n: its particles."""
-        finished = self._finished(number)
+    def reel(self, name: str, n: int, fill: Callable[[Reel], None]) -> Reel:
+        """Return the reel of a file, read where it is finished, else filled and kept; n: its particles."""
+        finished = self._finished(name)
         if finished is not None:
             return finished
-        data = self.folder / f"shard-{number:05}.bin"
+        with self.also(name, n) as reel:
+            fill(reel)
+        return reel
+
+    @contextlib.contextmanager
+    def also(self, name: str, n: int) -> Iterator[Reel]:
+        """Give the reel of a file to fill, and keep it if anything is in it."""
+        data = self._data(name)
         with self._room(data):
+            self._index(name).unlink(missing_ok=True)
             reel = Reel(self.files.enter_context(data.open("w+b")), n)
         try:
-            fill(reel)
+            yield reel
         except NoRoom as error:
             raise self._refusal(data, str(error)) from error
+        except BaseException:
+            data.unlink(missing_ok=True)
+            raise
         with self._room(data):
+            if reel.empty:
+                reel.file.close()
+                data.unlink()
+                return
             os.fsync(reel.file.fileno())
-            _replace(self._index(number), json.dumps({**_index(reel), "digest": _digest(data)}))
-        return reel
+            _replace(self._index(name), json.dumps({**_index(reel), "digest": _digest(data)}))
+
+    def read(self, name: str) -> Reel:
+        """Return the reel of a file that was finished before; raise Gone where it is not there, or has been altered."""
+        finished = self._finished(name)
+        if finished is None:
+            raise Gone(name)
+        return finished
+
+    def remove(self, name: str) -> None:
+        """Take away a file of which nothing is needed any more."""
+        self._index(name).unlink(missing_ok=True)
+        self._data(name).unlink(missing_ok=True)
 
     @contextlib.contextmanager
     def _room(self, data: Path) -> Iterator[None]:
@@ -77,31 +104,44 @@ class Work:
         many = len(list(self.folder.glob(INDICES)))
         return f"{many:,} shards are finished and kept there: the same command goes on from them"
 
+    def begin_anew(self) -> None:
+        """Take away all that is finished."""
+        for kind in KINDS_OF_FILES:
+            for path in self.folder.glob(f"{kind}-*"):
+                path.unlink()
+
     def drop(self) -> None:
         """Take away all that is kept: nothing can come of it."""
-        _empty(self.folder)
+        self.begin_anew()
+        (self.folder / ABOUT).unlink(missing_ok=True)
 
-    def finished(self, number: int) -> bool:
-        """Return whether a shard is there, whether or not it has been altered since."""
-        return self._index(number).exists()
+    def finished(self, name: str) -> bool:
+        """Return whether a file is there, whether or not it has been altered since."""
+        return self._index(name).exists()
 
-    def _index(self, number: int) -> Path:
-        return self.folder / f"shard-{number:05}.json"
+    def _data(self, name: str) -> Path:
+        return self.folder / f"{name}.bin"
 
-    def _finished(self, number: int) -> Reel | None:
-        """Return the reel of a shard that is finished; None where it is not, or has been altered since."""
-        data = self.folder / f"shard-{number:05}.bin"
+    def _index(self, name: str) -> Path:
+        return self.folder / f"{name}.json"
+
+    def _finished(self, name: str) -> Reel | None:
+        """Return the reel of a file that is finished; None where it is not, or has been altered since."""
         try:
-            index = json.loads(self._index(number).read_text(encoding="utf-8"))
-            if _digest(data) == index["digest"]:
-                return _read(self.files.enter_context(data.open("r+b")), index)
+            index = json.loads(self._index(name).read_text(encoding="utf-8"))
+            if _digest(self._data(name)) == index["digest"]:
+                return _read(self.files.enter_context(self._data(name).open("r+b")), index)
             why = "has been altered"
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError) as error:
             why = f"cannot be read ({error})"
-        LOG.warning("shard %d of the run before %s: it is done again", number, why)
+        LOG.warning("%s of the run before %s: it is done again", name, why)
         return None
+
+
+class Gone(Exception):
+    """A file from which a shard was to go on is not there any more."""
 
 
 @contextlib.contextmanager
@@ -115,6 +155,7 @@ def opened(out: Path | None, fingerprint: Mapping[str, str], need: int) -> Itera
         if out is None:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="drift-")))
             work = Work(folder, stack)
+            _replace(folder / ABOUT, json.dumps(dict(fingerprint)))
         else:
             folder = _of(out)
             work = Work(folder, stack)
@@ -127,7 +168,7 @@ def opened(out: Path | None, fingerprint: Mapping[str, str], need: int) -> Itera
                 _take_up(work, fingerprint)
             except OSError as error:
                 raise UserError(f"{folder}: {error.strerror or error}; name another folder with --out") from error
-        have = sum(path.stat().st_size for path in folder.glob("shard-*.bin"))
+        have = sum(path.stat().st_size for path in folder.glob("*-*.bin"))
         room = shutil.disk_usage(folder).free
         if need - have > room:
             raise UserError(
@@ -176,18 +217,12 @@ def _take_up(work: Work, fingerprint: Mapping[str, str]) -> None:
     if isinstance(before, dict):
         changed = [name for name in {**before, **fingerprint} if before.get(name) != fingerprint.get(name)]
         LOG.warning("an unfinished run is there, but %s changed since: it begins anew", " and ".join(changed))
-    _empty(work.folder)
+    work.begin_anew()
     _replace(about, json.dumps(dict(fingerprint)))
 
 
-def _empty(folder: Path) -> None:
-    """Take away what a run keeps, and nothing else."""
-    for path in (*folder.glob("shard-*"), folder / ABOUT):
-        path.unlink(missing_ok=True)
-
-
 def need(particles: int, outputs: int) -> int:
-    """Return how many bytes the files of a run's shards take."""
+    """Return how many bytes the particles at all output times take."""
     return particles * (BYTES * outputs + BYTES_END)
 
 
@@ -210,11 +245,11 @@ def _digest(path: Path) -> str:
 
 
 def _index(reel: Reel) -> dict[str, Any]:
-    """Return where the columns of a reel lie; the layout is that of the first moment, for nothing is drawn anew."""
-    layout = reel.taken[0].layout
+    """Return where the columns of a reel lie; the layout is the same at all its moments."""
+    layout = reel.taken[0].layout if reel.taken else None
     return {
         "n": reel.n,
-        "layout": [layout.bounds, layout.numbers, layout.block],
+        "layout": [layout.bounds, layout.numbers, layout.block] if layout else None,
         "times": [str(taken.time) for taken in reel.taken],
         "where": [taken.where for taken in reel.taken],
         "end": reel.end,
@@ -223,7 +258,7 @@ def _index(reel: Reel) -> dict[str, Any]:
 
 
 def _read(file: BufferedRandom, index: Mapping[str, Any]) -> Reel:
-    bounds, numbers, block = (tuple(part) for part in index["layout"])
+    bounds, numbers, block = (tuple(part) for part in index["layout"] or ((), (), ()))
     layout = Layout(bounds, numbers, block)
     taken = [
         Taken(np.datetime64(time), layout, where) for time, where in zip(index["times"], index["where"], strict=True)

@@ -50,5 +50,5 @@ def move(folder: str, unit: Unit) -> int:
             )
         where, scene = _open[key]
         kept = work.Work(Path(folder), stack)
-        kept.reel(unit.number, unit.n, lambda reel: unit.move(scene, where, None, reel))
+        unit.move(scene, where, None, kept)
     return unit.number

@@ -20,13 +20,15 @@ N, OUTPUTS = BOUNDS[-1], 5
 
 def moments(ensemble: Ensemble, weighted: bool) -> list[Moment]:
     """Return five moments, of which the second and the fourth come after particles have been drawn anew."""
-    random, taken = np.random.default_rng(3), []
+    random, taken, lineage = np.random.default_rng(3), [], None
     for k in range(OUTPUTS):
         lon, lat = random.integers(-(2**31), 2**31, (2, N)).astype(np.int32)
         status = random.integers(0, 9, N).astype(np.int32)
         weight = random.normal(-200, 30, N).astype(np.float32) if weighted else None
         ancestors = np.sort(random.integers(0, N, N)) if weighted and k in (1, 3) else None
-        taken.append(Moment(3600 * k, lon, lat, status, ensemble.layout, weight, ancestors))
+        if ancestors is not None:
+            lineage = ancestors if lineage is None else lineage[ancestors]
+        taken.append(Moment(3600 * k, lon, lat, status, ensemble.layout, weight, ancestors, lineage))
     return taken
 
 

@@ -136,14 +136,15 @@ def test_datasets_in_memory_stay_here(case: drift.Case, client: Any) -> None:
         drift.run(case, datasets={"x": object()}, client=client)
 
 
-def test_what_cannot_be_dealt_out_is_refused(case: drift.Case, tmp_path: Path) -> None:
-    """A sortie weighs all particles together: one worker would move them in shards, and leave it out."""
-    sortie = runs.searched(tmp_path)
-    with cluster.connected(1, None) as one:
-        with pytest.raises(drift.UserError, match=r"--workers, --cluster: .* cannot be dealt out"):
-            drift.run(sortie, client=one)
-        with pytest.raises(drift.UserError, match="--backend cuda: workers move particles on processors"):
-            drift.run(case, client=one, backend="cuda")
+def test_workers_search(client: Any, tmp_path: Path) -> None:
+    """They stop to ask how likely a doubtful contact was, and go on."""
+    searched = runs.searched(tmp_path)
+    runs.same(drift.run(searched, client=client, shards=3), drift.run(searched))
+
+
+def test_workers_have_no_gpu(case: drift.Case, client: Any) -> None:
+    with pytest.raises(drift.UserError, match="--backend cuda: workers move particles on processors"):
+        drift.run(case, client=client, backend="cuda")
 
 
 def test_threads_of_this_process_are_no_workers(case: drift.Case, tmp_path: Path) -> None:

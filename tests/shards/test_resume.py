@@ -101,8 +101,8 @@ def test_a_run_that_was_stopped_goes_on(
         assert not out.exists()
         assert len([name for name in shards_of(out) if name.endswith(".json")]) == kept
     moved: list[int] = []
-    move = unit.Unit.move
-    monkeypatch.setattr(unit.Unit, "move", lambda *given: (moved.append(given[0].number), move(*given)))
+    fill = unit.Unit._fill
+    monkeypatch.setattr(unit.Unit, "_fill", lambda *given: (moved.append(given[0].number), fill(*given))[1])
     done = drift.run(case, out, shards=4)
     assert moved == [3]
     assert "3 shards of this run were finished before: it goes on from there" in caplog.text
@@ -118,7 +118,7 @@ def test_a_file_that_was_cut_short_or_altered_is_made_again(
     out = tmp_path / "out"
     with pytest.raises(Stopped):
         drift.run(case, out, shards=4, report=stopping(0.6))
-    data, index = unfinished(out) / "shard-00001.bin", unfinished(out) / "shard-00001.json"
+    data, index = unfinished(out) / "shard-00001-000.bin", unfinished(out) / "shard-00001-000.json"
     if fault == "cut":
         os.truncate(data, data.stat().st_size - 1)
     elif fault == "altered":
@@ -132,7 +132,7 @@ def test_a_file_that_was_cut_short_or_altered_is_made_again(
     else:
         data.unlink()
     done = drift.run(case, out, shards=4)
-    assert ("shard 1 of the run before" in caplog.text) is (fault != "gone")
+    assert ("shard-00001-000 of the run before" in caplog.text) is (fault != "gone")
     runs.same(done, made)
 
 
@@ -222,7 +222,7 @@ def test_a_full_disk_keeps_what_is_finished(
     monkeypatch.setattr(work.Reel, "_keep", full)
     with pytest.raises(drift.UserError, match=r"No space left on device; 2 shards are finished and kept there"):
         drift.run(case, out, shards=4)
-    assert shards_of(out) == [f"shard-0000{k}.{kind}" for k in (0, 1) for kind in ("bin", "json")]
+    assert shards_of(out) == [f"shard-0000{k}-000.{kind}" for k in (0, 1) for kind in ("bin", "json")]
     monkeypatch.setattr(work.Reel, "_keep", keep)
     runs.same(drift.run(case, out, shards=4), made)
 
