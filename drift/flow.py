@@ -82,16 +82,22 @@ def run(
     dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it. Raises UserError for
     all that the user can mend.
     """
-    if client is not None and datasets:
-        raise UserError("datasets: workers read files; write these to files and name them in the case")
-    if client is not None and backend != "cpu":
-        raise UserError(f"--backend {backend}: workers move particles on processors; leave it out")
-    job = opened(case, Options(out, datasets, threads, backend, overwrite, report, memory, shards, client))
+    options = Options(out, datasets, threads, backend, overwrite, report, memory, shards, client)
+    check_workers(options)
+    job = opened(case, options)
     result = forecasted(job)
     write(result, job)
     if job.out is not None:
         work.clear(job.out)
     return result
+
+
+def check_workers(options: Options) -> None:
+    """Raise UserError for what workers cannot do."""
+    if options.client is not None and options.datasets:
+        raise UserError("datasets: workers read files; write these to files and name them in the case")
+    if options.client is not None and options.backend != "cpu":
+        raise UserError(f"--backend {options.backend}: workers move particles on processors; leave it out")
 
 
 @dataclass(frozen=True)

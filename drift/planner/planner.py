@@ -27,6 +27,7 @@ from drift.result import Result
 from drift.search.account import Noted
 from drift.search.records import Unit
 from drift.search.updates import Updates
+from drift.shards import work
 from drift.suspend.further import Planned
 from geo.array import Array
 from geo.errors import UserError
@@ -45,13 +46,19 @@ def plan(
     backend: str = "cpu",
     overwrite: bool = False,
     report: Report | None = None,
+    memory: float | None = None,
+    shards: int | None = None,
+    client: Any = None,
 ) -> tuple[Plan, Result]:
     """Plan the next search of a case; with `out`, write it and the forecast of its failure.
 
-    The folder is written completely or not at all. Raises UserError for all that the user can mend.
+    The folder is written completely or not at all. memory, shards, client: of the forecast that scores the plan, as
+    drift.run takes them. Raises UserError for all that the user can mend.
     """
     check(case)
-    job = opened(case, Options(out, datasets, threads, backend, overwrite, report))
+    options = Options(out, datasets, threads, backend, overwrite, report, memory, shards, client)
+    flow.check_workers(options)
+    job = opened(case, options)
     proposed, executed, result = scheme(job)
     if job.out is not None:
         shown = None if proposed.shares is None else likeliest.of(proposed.shares)
@@ -60,6 +67,7 @@ def plan(
         land = partial(fleet.shown, executed, job.where) if job.where.coast is not None else None
         matter = chapter.Matter(proposed, result.forecast, setting, taken, land, facts.synthetic(case))
         flow.write(result, job, more=[chapter.chapter(matter)], planned=ahead(proposed))
+        work.clear(job.out)
     return proposed, result
 
 

@@ -52,7 +52,7 @@ class Marker:
 
     def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
         """Move it over the step from `elapsed` on, for which the forcing is set."""
-        begin, end = max(float(elapsed), self.begin), float(elapsed + duration)
+        begin, end = float(max(elapsed, self.begin)), float(elapsed + duration)
         if end <= begin:
             return
         if not self._time:

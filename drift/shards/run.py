@@ -2,14 +2,13 @@
 
 import contextlib
 import functools
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
-from drift import facts, start
+from drift import start
 from drift.job import Job
 from drift.motion.spool import Reel, Spool
 from drift.particles.ensemble import Layout
@@ -20,13 +19,12 @@ from drift.search.account import Noted
 from drift.search.meeting import Redrawing
 from drift.search.standing import Standing
 from drift.search.updates import Updates
-from drift.shards import cluster, machine, stretch, work
+from drift.shards import cluster, fingerprint, stretch, work
 from drift.shards.divide import Divided
 from drift.shards.told import Told, together
 from drift.shards.unit import From, Unit
 from drift.shards.work import LOG, Gone, Work
 from geo.errors import UserError
-from geo.files import digest
 
 
 @dataclass(frozen=True)
@@ -55,8 +53,8 @@ class _Way:
 def moved(job: Job, run: Divided, noted: Noted | None) -> Iterator[Moved]:
     """Give what the particles of a run were like at all output times, and what was told on the way."""
     case = job.case
-    need = work.need(run.layout.bounds[-1], case.outputs.size)
-    with work.opened(job.out, fingerprint(job, run.many), need) as kept:
+    need = work.need(case, run.layout.bounds[-1])
+    with work.opened(job.out, fingerprint.of(job, run.many), need) as kept:
         try:
             way, told = _all(job, run, kept, noted)
         except Gone as gone:
@@ -175,19 +173,3 @@ def _drawn_anew(job: Job, run: Divided, kept: Work, way: _Way, told: Told, since
 def merged(parts: Sequence[Weighed]) -> Weighed:
     """Return what is needed of the weights of the particles of all shards."""
     return functools.reduce(Weighed.merge, parts)
-
-
-def fingerprint(job: Job, many: int) -> dict[str, str]:
-    """Return what the results of a run follow from, by what it is."""
-    of = facts.attributes(job.case, job.where)
-    files = hashlib.sha256("".join(digest.of(path) for path in job.case.inputs).encode()).hexdigest()
-    return {
-        "the case": of["case"],
-        "the seed": of["seed"],
-        "the versions": ", ".join(f"{name} {version}" for name, version in machine.versions().items()),
-        "the backend": of["backend"],
-        "the forcing": f"{of['forcing']}; {files}",
-        "the coast": of["coast"],
-        "the processor's arithmetic": machine.arithmetic(),
-        work.NUMBER: str(many),
-    }

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from drift.case.record import Case
 from drift.motion.spool import BYTES, BYTES_END, NoRoom, Noted, Reel, Taken
 from drift.output import hidden
 from drift.particles.ensemble import Layout
@@ -32,6 +33,8 @@ NUMBER = "the number of shards"  # in the fingerprint
 INDICES = "shard-*.json"
 KINDS_OF_FILES = ("shard", "state", "drawn")  # of stretches, of where they ended, of who was drawn anew there
 CHUNK = 2**24
+NOTED = 80  # [bytes] a particle and update, about: weights, and the quantities of which posteriors are told
+STATE = 200  # [bytes] a particle, about
 LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
 
 
@@ -221,9 +224,11 @@ def _take_up(work: Work, fingerprint: Mapping[str, str]) -> None:
     _replace(about, json.dumps(dict(fingerprint)))
 
 
-def need(particles: int, outputs: int) -> int:
-    """Return how many bytes the particles at all output times take."""
-    return particles * (BYTES * outputs + BYTES_END)
+def need(case: Case, particles: int) -> int:
+    """Return about how many bytes the files of a run take: outputs, what is told of updates, states between stretches."""
+    updates = len(case.sorties) + len(case.contacts) + len(case.sensors.telling)
+    states = 2 * STATE if updates else 0  # of the stretch under way and the one before
+    return particles * (BYTES * case.outputs.size + BYTES_END + NOTED * updates + states)
 
 
 def _replace(path: Path, text: str) -> None:
