@@ -21,7 +21,7 @@ def run(given: argparse.Namespace) -> Answer:
         from drift.forecast import tables
         from drift.shards import cluster
 
-        options |= {"memory": take.memory(given.memory), "shards": given.shards}
+        options |= take.scale(given)
         with cluster.connected(given.workers, given.cluster) as client:
             result = flow.run(case, out, client=client, **options)
     made = result.summary["run"]
@@ -40,10 +40,17 @@ def plan(given: argparse.Namespace) -> Answer:
         from drift.patrols import files as patrol_files
         from drift.patrols import patrol
         from drift.planner import planner
+        from drift.shards import cluster
 
+        scale = take.scale(given)
         if case.spill:
-            patrols, result = patrol.patrol(case, out, **options)
+            with cluster.connected(given.workers, given.cluster) as client:
+                patrols, result = patrol.patrol(case, out, client=client, **options, **scale)
         else:
+            if any(value is not None for value in (*scale.values(), given.workers, given.cluster)):
+                raise UserError(
+                    "--memory, --shards, --workers, --cluster: a search is planned in one piece; leave them out"
+                )
             search_plan, _ = planner.plan(case, out, **options)
     if case.spill:
         assert result.aftermath is not None

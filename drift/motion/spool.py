@@ -6,7 +6,7 @@ Memory holds one time, or a part of it, however many there are.
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from io import BufferedRandom
 from types import TracebackType
@@ -87,6 +87,7 @@ class Reel:
     taken: list[Taken] = field(default_factory=list)
     end: dict[str, int] = field(default_factory=dict)  # where columns of the end of the run begin
     notes: dict[str, Noted] = field(default_factory=dict)  # what else a run takes down, by name
+    _later: Array | None = None  # log weights given after the run; not in the file, whose checksum is taken at its end
     _size: int = 0
 
     def record(self, period: Period, ensemble: Ensemble, moments: Iterable[Moment]) -> None:
@@ -107,8 +108,8 @@ class Reel:
             self.end[name] = self._keep(name, ensemble.columns[name].to_numpy())
 
     def reweigh(self, log_weight: Array) -> None:
-        """Take weights for all times that have none of their own."""
-        self.end["log_weight"] = self._keep("log_weight", log_weight)
+        """Take weights (n,) for all times that have none of their own."""
+        self._later = log_weight.astype(KINDS["log_weight"])
 
     def note(self, name: str, values: Array) -> None:
         """Take down values of one dimension and any kind under a name."""
@@ -139,6 +140,8 @@ class Reel:
 
     def read(self, name: str, at: int | None, first: int, last: int) -> Array:
         """Return a column of some slots, of a moment or of the end of the run (None)."""
+        if at is None and name == "log_weight" and self._later is not None:
+            return self._later[first:last]
         kind, where = KINDS[name], self.end if at is None else self.taken[at].where
         self.file.seek(where[name] + first * kind.itemsize)
         return np.frombuffer(self.file.read((last - first) * kind.itemsize), kind)
@@ -146,6 +149,11 @@ class Reel:
     def logs(self, at: int, first: int, last: int) -> Array:
         """Return the log weights of some slots at a moment: its own, or those of the end."""
         return self.read("log_weight", at if "log_weight" in self.taken[at].where else None, first, last)
+
+    @property
+    def layout(self) -> Layout:
+        """Which slots belong to which scenario at the end of the run."""
+        return self.taken[-1].layout
 
     def spans(self, at: int) -> list[tuple[int, int]]:
         """Return ranges of blocks of some PART slots each."""
@@ -167,11 +175,19 @@ class Spool(Sequence[Snapshot]):
 
     @classmethod
     def of_run(
-        cls, period: Period, ensemble: Ensemble, moments: Iterable[Moment], outputs: int, *, worlds: bool = False
+        cls,
+        period: Period,
+        ensemble: Ensemble,
+        moments: Iterable[Moment],
+        outputs: int,
+        *,
+        worlds: bool = False,
+        more: Callable[[Reel], None] | None = None,
     ) -> "Spool":
         """Take up the moments of a run as they come, in a temporary file that goes when it is closed.
 
-        Weights are theirs, or those that the ensemble has afterwards. outputs: the number of moments.
+        Weights are theirs, or those that the ensemble has afterwards. outputs: the number of moments; more: takes down
+        what else is known at the end of the run.
         """
         need = ensemble.n * BYTES * outputs
         _check_room(need)
@@ -182,6 +198,8 @@ class Spool(Sequence[Snapshot]):
         reel = Reel(file, ensemble.n)
         try:
             reel.record(period, ensemble, moments)
+            if more:
+                more(reel)
         except NoRoom as error:
             raise _refusal(f"{error}; all output times need {_size(need)}") from error
         except BaseException:
@@ -198,11 +216,24 @@ class Spool(Sequence[Snapshot]):
         for reel in self._reels:
             reel.file.close()
 
-    def reweigh(self, ensemble: Ensemble) -> None:
-        """Take the weights that an ensemble has now, for all times that have none of their own."""
-        (reel,) = self._reels
-        reel.reweigh(ensemble.log_weight.to_numpy())
+    def reweigh(self, log_weight: Array) -> None:
+        """Take log weights (n,), in the order of the whole run, for all times that have none of their own."""
+        for reel in self._reels:
+            reel.reweigh(np.concatenate([log_weight[number : number + b - a] for a, b, number in reel.layout.slots]))
         self._scale.clear()
+
+    def columns(self, names: Sequence[str], at: int | None = None) -> tuple[Array, ...]:
+        """Return columns of all particles, (n,) each in the order of the whole run, of a moment or of the end (None)."""
+        columns = tuple(np.empty(self.n, KINDS[name]) for name in names)
+        for reel in self._reels:
+            for first, last, number in reel.layout.slots:
+                for name, column in zip(names, columns, strict=True):
+                    column[number : number + last - first] = reel.read(name, at, first, last)
+        return columns
+
+    def noted(self, name: str) -> list[tuple[Layout, Array]]:
+        """Return what has been taken down of each shard under a name, with the shard's slots."""
+        return [(reel.layout, reel.noted(name)) for reel in self._reels]
 
     def time(self, index: int) -> np.datetime64:
         """Return the time of a snapshot."""

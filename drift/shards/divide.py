@@ -20,6 +20,7 @@ from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.step_size import TRIAL_SIZE
 from drift.particles import ensemble as record
 from drift.particles.ensemble import Ensemble, Layout
+from drift.particles.partials import WORLDS
 from drift.start import Setup
 from geo.errors import UserError
 from kernels import coast as device_coast
@@ -28,6 +29,7 @@ from kernels.coast import DeviceCoast
 GIB = 2**30
 BASE = 700 * 2**20  # [bytes] that a run takes however few its particles are: the program, the forcing, the coast, maps
 HELD = 200  # [bytes] a particle of the shard under way is given, while it is drawn and moved: about 130 were seen
+WEIGHED = 300  # [bytes] a particle of a spill while all are weighed together: 230 to 290 were seen
 LEAST = 2**16  # particles in a shard, if memory is scarce
 LOSS = 2**20  # particles in a shard at most: what is under way is lost when a run is stopped
 PER_WORKER = 4  # shards at least, so that none waits long for another at the end
@@ -43,8 +45,6 @@ class Divided:
 
 def refusal(case: Case) -> str:
     """Return why a case cannot be cut into shards; "" where it can."""
-    if case.spill:
-        return "a spill's worlds are weighed together"
     if start.is_searched(case) or case.sensors.lines:
         return "what was searched and seen weighs all particles together"
     if any(scenario.itinerary or scenario.survival for scenario in case.scenarios):
@@ -68,10 +68,18 @@ def number(case: Case, memory: float | None, shards: int | None, workers: int | 
         raise UserError(f"--memory {memory:g}: a run takes {least:.2g} (GiB) at least")
     if whole:
         return 1
-    most = prior.layout(start.ensemble_spec(case)).blocks.first.size
+    spill = case.spill
+    together = (BASE + WEIGHED * case.particles) / GIB
+    if spill and memory is not None and memory < together:
+        raise UserError(
+            f"--memory {memory:g}: the fates of a spill's {case.particles:,} particles are weighed together, which takes "
+            f"{together:.2g} (GiB); give as much, or fewer worlds"
+        )
+    most = -(-spill.worlds // WORLDS) if spill else prior.layout(start.ensemble_spec(case)).blocks.first.size
     if shards is not None:
         if not 1 <= shards <= most:
-            raise UserError(f"--shards {shards}: {case.path.name} has {most:,} blocks of particles; give 1 to {most:,}")
+            what = "of worlds" if spill else "of particles"
+            raise UserError(f"--shards {shards}: {case.path.name} has {most:,} blocks {what}; give 1 to {most:,}")
         return shards
     room = (free() / 2 if memory is None else memory * GIB) / (workers or 1) - BASE
     size = min(max(int(room / HELD), LEAST), LOSS)

@@ -22,6 +22,7 @@ class Unit:
     clock: Clock
     layout: Layout
     number: int  # of the shard
+    of: str = ""  # nothing besides the fingerprint of the run
 
     @property
     def n(self) -> int:

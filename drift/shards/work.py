@@ -17,10 +17,14 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from io import BufferedRandom
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
+from drift.case.record import Case
+from drift.environment.environment import Environment
+from drift.motion import simulate
+from drift.motion.scene import Scene
 from drift.motion.spool import BYTES, BYTES_END, NoRoom, Noted, Reel, Taken
 from drift.output import hidden
 from drift.particles.ensemble import Layout
@@ -34,6 +38,29 @@ CHUNK = 2**24
 LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
 
 
+class Task(Protocol):
+    """A shard's part of a run: what one process does at a time."""
+
+    @property
+    def case(self) -> Case:
+        """Whose run it is."""
+
+    @property
+    def number(self) -> int:
+        """Its number, under which it is kept."""
+
+    @property
+    def n(self) -> int:
+        """Number of particles."""
+
+    @property
+    def of(self) -> str:
+        """What it follows from besides the fingerprint of the run."""
+
+    def move(self, scene: Scene, where: Environment, tell: simulate.Progress | None, reel: Reel) -> None:
+        """Move the particles, and take down what they were like; tell: takes the share that is done."""
+
+
 @dataclass
 class Work:
     """What is finished of a run; files: closes what has been opened."""
@@ -41,9 +68,12 @@ class Work:
     folder: Path
     files: contextlib.ExitStack
 
-    def reel(self, number: int, n: int, fill: Callable[[Reel], None]) -> Reel:
-        """Return the reel of a shard, read where it is finished, else filled and kept; n: its particles."""
-        finished = self._finished(number)
+    def reel(self, number: int, n: int, fill: Callable[[Reel], None], of: str = "") -> Reel:
+        """Return the reel of a shard, read where it is finished, else filled and kept; n: its particles.
+
+        of: what it follows from besides the fingerprint, such as the worlds of a renewal.
+        """
+        finished = self._finished(number, of)
         if finished is not None:
             return finished
         data = self.folder / f"shard-{number:05}.bin"
@@ -55,7 +85,7 @@ class Work:
             raise self._refusal(data, str(error)) from error
         with self._room(data):
             os.fsync(reel.file.fileno())
-            _replace(self._index(number), json.dumps({**_index(reel), "digest": _digest(data)}))
+            _replace(self._index(number), json.dumps({**_index(reel), "of": of, "digest": _digest(data)}))
         return reel
 
     @contextlib.contextmanager
@@ -81,21 +111,27 @@ class Work:
         """Take away all that is kept: nothing can come of it."""
         _empty(self.folder)
 
-    def finished(self, number: int) -> bool:
-        """Return whether a shard is there, whether or not it has been altered since."""
-        return self._index(number).exists()
+    def finished(self, number: int, of: str = "") -> bool:
+        """Return whether a shard is there, whether or not it has been altered since; of: see `reel`."""
+        try:
+            return bool(json.loads(self._index(number).read_text(encoding="utf-8"))["of"] == of)
+        except (OSError, ValueError, KeyError, TypeError):
+            return False
 
     def _index(self, number: int) -> Path:
         return self.folder / f"shard-{number:05}.json"
 
-    def _finished(self, number: int) -> Reel | None:
+    def _finished(self, number: int, of: str) -> Reel | None:
         """Return the reel of a shard that is finished; None where it is not, or has been altered since."""
         data = self.folder / f"shard-{number:05}.bin"
         try:
             index = json.loads(self._index(number).read_text(encoding="utf-8"))
-            if _digest(data) == index["digest"]:
+            if index["of"] != of:
+                why = "is of other worlds"
+            elif _digest(data) == index["digest"]:
                 return _read(self.files.enter_context(data.open("r+b")), index)
-            why = "has been altered"
+            else:
+                why = "has been altered"
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError) as error:

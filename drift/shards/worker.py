@@ -11,7 +11,6 @@ from drift import start
 from drift.environment.environment import Environment
 from drift.motion.scene import Scene
 from drift.shards import machine, work
-from drift.shards.unit import Unit
 from kernels import coast as device_coast
 from kernels import runtime
 
@@ -34,7 +33,7 @@ def about(folder: str) -> dict[str, str]:
         }
 
 
-def move(folder: str, unit: Unit) -> int:
+def move(folder: str, unit: work.Task) -> int:
     """Move a shard, keep it in the run's folder, and return its number."""
     with runtime.alone(), contextlib.ExitStack() as stack:
         runtime.start(threads=1)
@@ -50,5 +49,5 @@ def move(folder: str, unit: Unit) -> int:
             )
         where, scene = _open[key]
         kept = work.Work(Path(folder), stack)
-        kept.reel(unit.number, unit.n, lambda reel: unit.move(scene, where, None, reel))
+        kept.reel(unit.number, unit.n, lambda reel: unit.move(scene, where, None, reel), unit.of)
     return unit.number
