@@ -287,17 +287,8 @@ def test_an_altered_file_of_a_round_is_made_again(
     assert f"shard {number} of the run before has been altered" in caplog.text
 
 
-@pytest.mark.usefixtures("unwritten")
-def test_a_round_of_other_worlds_is_not_used(
-    case: drift.Case,
-    made: drift.Result,
-    tmp_path: Path,
-    caplog: pytest.LogCaptureFixture,
-    monkeypatch: pytest.MonkeyPatch,
-    moved: list[int],
-) -> None:
-    """A proposal that differs in its last bit, by another library's sums say."""
-    out = tmp_path / "out"
+def elsewhere(case: drift.Case, out: Path, many: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stop a run when all is moved, of which a proposal differs in its last bit, by another library's sums say."""
     around = drawn_worlds.around
 
     def nearly(*given: Any) -> drawn_worlds.Proposal:
@@ -307,7 +298,20 @@ def test_a_round_of_other_worlds_is_not_used(
 
     with monkeypatch.context() as patch:
         patch.setattr(drawn_worlds, "around", nearly)
-        stopped(case, out, 3, 0.0, "map")
+        stopped(case, out, many, 0.0, "map")
+
+
+@pytest.mark.usefixtures("unwritten")
+def test_a_round_of_other_worlds_is_not_used(
+    case: drift.Case,
+    made: drift.Result,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+    moved: list[int],
+) -> None:
+    out = tmp_path / "out"
+    elsewhere(case, out, 3, monkeypatch)
     moved.clear()
     same(drift.run(case, out), made)
     assert moved == [3, 4, 5]
@@ -322,24 +326,32 @@ def client() -> Iterator[Any]:
 
 @pytest.mark.usefixtures("unwritten")
 def test_two_workers_make_the_same(
-    case: drift.Case, made: drift.Result, client: Any, tmp_path: Path, moved: list[int]
+    case: drift.Case,
+    made: drift.Result,
+    client: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    moved: list[int],
 ) -> None:
     """They take up what one process has begun, and one of them is killed in the second round."""
     out = tmp_path / "out"
-    stopped(case, out, 5, 0.5)
-    assert kept(out) == [0, 1]
+    elsewhere(case, out, 5, monkeypatch)
+    for number in (1, 4):
+        (unfinished(out) / f"shard-{number:05}.json").unlink()
     moved.clear()
-    rounds, killed = [0], list[int]()
+    told, killed = [], list[int]()
 
     def report(phase: str, share: float) -> None:
-        rounds[0] += phase == "drift" and share >= 1
-        if phase == "drift" and rounds[0] == 1 and share < 1 and not killed:
-            killed.append(sorted(client.run(os.getpid).values())[0])
-            os.kill(killed[0], signal.SIGKILL)
+        if phase == "drift":
+            told.append(share)
+            if len(told) == 3:
+                killed.append(sorted(client.run(os.getpid).values())[0])
+                os.kill(killed[0], signal.SIGKILL)
 
     same(drift.run(case, out, client=client, report=report), made)
     assert killed
     assert moved == []  # here
+    assert told == [0.8, 1.0, 0.2, 0.4, 0.6, 0.8, 1.0]
 
 
 @pytest.mark.usefixtures("unwritten")
