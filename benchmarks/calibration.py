@@ -56,8 +56,8 @@ def bank(seed: int, worlds: int) -> Bank:
     outputs = case.period.seconds(case.outputs)
     moments = simulate.run(begin.ensemble, begin.scene, begin.clock, outputs, watch=book.watch)
     segments = evidence.cut(case.spill, where.coast)
-    with Spool.of_run(case.period, begin.ensemble, moments, len(outputs), worlds=True) as snapshots:
-        fates = renewal._fates(case.spill, renewal.Drifted(begin.ensemble, snapshots, book, begin.worlds), segments)
+    with Spool.of_run(case.period, begin.ensemble, moments, len(outputs), worlds=True, more=book.note) as snapshots:
+        fates = renewal._fates(case.spill, renewal.Drifted(case.seed, snapshots, begin.worlds), segments)
     begin.scene.forcing.close()
     return Bank(case, fates, begin.worlds, segments, where.coast)
 

@@ -41,18 +41,19 @@ from drift.search import tables as search_tables
 from drift.search.account import Noted
 from drift.search.standing import Standing
 from drift.search.updates import Updates
-from drift.shards import cluster, divide, work
+from drift.shards import cluster, divide, spilled, work
 from drift.shards import run as shards_run
 from drift.spill import chapter as spill_chapter
 from drift.spill import evidence, renewal
 from drift.spill.renewal import Aftermath, Drifted
 from drift.spill.strandings import Landings
-from drift.spill.worlds import Proposal
+from drift.spill.worlds import Proposal, Worlds
 from drift.start import Setup, Start
 from drift.suspend import chapter as suspend_chapter
 from drift.suspend import decision
 from drift.suspend.further import Planned
 from geo.array import Array
+from geo.coast.segments import Segments
 from geo.errors import UserError
 from kernels import runtime
 
@@ -82,22 +83,12 @@ def run(
     dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it. Raises UserError for
     all that the user can mend.
     """
-    options = Options(out, datasets, threads, backend, overwrite, report, memory, shards, client)
-    check_workers(options)
-    job = opened(case, options)
+    job = opened(case, Options(out, datasets, threads, backend, overwrite, report, memory, shards, client))
     result = forecasted(job)
     write(result, job)
     if job.out is not None:
         work.clear(job.out)
     return result
-
-
-def check_workers(options: Options) -> None:
-    """Raise UserError for what workers cannot do."""
-    if options.client is not None and options.datasets:
-        raise UserError("datasets: workers read files; write these to files and name them in the case")
-    if options.client is not None and options.backend != "cpu":
-        raise UserError(f"--backend {options.backend}: workers move particles on processors; leave it out")
 
 
 @dataclass(frozen=True)
@@ -125,6 +116,8 @@ def forecasted(job: Job, noted: Noted | None = None) -> Result:
     many = _shards(job)
     with contextlib.ExitStack() as stack:
         if many > 1 or job.client is not None:
+            if job.case.spill:
+                return made(job, _spilled(job, many, stack))
             return made(job, _in_shards(job, many, stack, noted))
         with job.clock.phase("start"):
             begin = start.prepare(job.case, job.where)
@@ -135,7 +128,7 @@ def _shards(job: Job) -> int:
     """Return into how many shards a job's run is cut: as the one before was, if it goes on from there."""
     workers = None if job.client is None else cluster.workers_of(job.client)
     many = divide.number(job.case, job.memory, job.shards, workers)
-    return many if job.shards or divide.refusal(job.case) else work.begun(job.out) or many
+    return many if job.shards else work.begun(job.out) or many
 
 
 def _in_shards(job: Job, many: int, stack: contextlib.ExitStack, noted: Noted | None) -> Ended:
@@ -148,6 +141,38 @@ def _in_shards(job: Job, many: int, stack: contextlib.ExitStack, noted: Noted | 
     return Ended(whole.setup, done.snapshots, done.updates, done.posteriors, begun=done.begun)
 
 
+def _spilled(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:
+    """Return the run of a spill, moved in shards and weighed by the finds, as `_in_shards` does."""
+    case, where = job.case, job.where
+    with job.clock.phase("start"):
+        run = spilled.prepare(case, where, many)
+        stack.enter_context(contextlib.closing(run.setup.scene.forcing))
+        stretches = start.stretches(case, where, run.worlds)
+    rounds = stack.enter_context(spilled.opened(job, run))
+
+    def moved(drawn: Worlds, seed: int, number: int) -> Drifted:
+        with job.clock.phase("drift"):
+            return rounds.moved(drawn, seed, number)
+
+    def renewed(proposal: Proposal, number: int) -> Drifted:
+        return moved(*start.renewed(case, where, proposal, number), number)
+
+    done, after = _settled(job, stretches, moved(run.worlds, case.seed, 0), renewed)
+    return Ended(run.setup, done.snapshots, after=after)
+
+
+def _settled(
+    job: Job, stretches: Segments | None, first: Drifted, renewed: Callable[[Proposal, int], Drifted]
+) -> tuple[Drifted, Aftermath]:
+    """Return the run of a spill that finds leave, and its aftermath; renewed: see drift.spill.renewal.settle."""
+    case, coast = job.case, job.where.coast
+    assert case.spill is not None
+    assert coast is not None
+    assert stretches is not None
+    with job.clock.phase("finds"):
+        return renewal.settle(case.period, case.spill, coast, stretches, first, renewed)
+
+
 def moved(job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None) -> Moved:
     """Return a job's run, moved from its start; its particles can be read as long as the stack is open.
 
@@ -155,17 +180,16 @@ def moved(job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | No
     """
     case, where = job.case, job.where
     with job.clock.phase("start"):
-        stretches = start.stretches(case, where, begin)
+        stretches = start.stretches(case, where, begin.worlds)
     begun = _begun(case, begin.ensemble)
     (done, updates, posteriors), after = _drifted(job, begin, stack, noted), None
-    if case.spill and where.coast and stretches:
+    if case.spill:
 
         def renewed(proposal: Proposal, number: int) -> Drifted:
             """Draw a spill's worlds anew, and move their objects through the run."""
             return _drifted(job, start.renew(case, where, begin, proposal, number), stack)[0]
 
-        with job.clock.phase("finds"):
-            done, after = renewal.settle(case.period, case.spill, where.coast, stretches, done, renewed)
+        done, after = _settled(job, stretches, done, renewed)
     return Moved(begin, done.snapshots, updates, posteriors, after, begun, begin=begin, done=done)
 
 
@@ -251,17 +275,20 @@ def _drifted(
     case = job.case
     outputs = case.period.seconds(case.outputs)
     with job.clock.phase("drift"), contextlib.closing(begin.scene.forcing):
-        landings = Landings(begin.ensemble, begin.scene.place.beach.stay > 0)
-        watch = landings.watch if case.spill else None
+        landings = Landings(begin.ensemble, begin.scene.place.beach.stay > 0) if case.spill else None
+        watch = landings.watch if landings else None
         beliefs = start.beliefs(case, begin)
         search = start.search(case, begin, beliefs, noted)
         moments = simulate.run(
             begin.ensemble, begin.scene, begin.clock, outputs, partial(job.tell, "drift"), watch, search
         )
-        spool = Spool.of_run(case.period, begin.ensemble, moments, len(outputs), worlds=case.spill is not None)
+        spool = Spool.of_run(
+            case.period, begin.ensemble, moments, len(outputs),
+            worlds=landings is not None, more=landings.note if landings else None,
+        )  # fmt: skip
         snapshots = stack.enter_context(spool)
         start.check_end(case, job.where, begin, snapshots, search.unsearched if search else None)
-    done = Drifted(begin.ensemble, snapshots, landings, begin.worlds)
+    done = Drifted(begin.ensemble.seed, snapshots, begin.worlds)
     return done, search.updates if search else None, beliefs.posteriors if beliefs else None
 
 

@@ -19,6 +19,7 @@ from drift.case.record import Case
 from drift.environment.environment import Environment
 from drift.forecast import chapter as forecast_chapter
 from drift.output import writer
+from geo.errors import UserError
 from geo.files import digest
 from kernels import runtime
 
@@ -76,6 +77,10 @@ class Job:
 
 def opened(case: Case, options: Options = Options()) -> Job:
     """Return the job of a case, once it is sure that results can be written and Taichi runs."""
+    if options.client is not None and options.datasets:
+        raise UserError("datasets: workers read files; write these to files and name them in the case")
+    if options.client is not None and options.backend != "cpu":
+        raise UserError(f"--backend {options.backend}: workers move particles on processors; leave it out")
     tell, clock = options.report or _silent, Stopwatch()
     folder = None if options.out is None else Path(options.out)
     if folder is not None:

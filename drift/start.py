@@ -118,22 +118,25 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     """
     spec = spec_of(case, where)
     shore = device_coast.upload(where.coast) if where.coast and not shore else shore
-    worlds, sinks = None, False
-    if case.spill:
-        assert where.coast is not None  # environment.open_for
-        is_land = partial(shoreline.is_land, where.coast)
-        worlds = drawn_worlds.draw(case.spill, case.seed, is_land, members=len(where.members))
-        ensemble = release.draw(case.spill, worlds, case.period, case.errors, shore, case.seed)
+    drawn_first = worlds(case, where) if case.spill else None
+    if case.spill and drawn_first:
+        ensemble = release.draw(case.spill, drawn_first, case.period, case.errors, shore, case.seed)
         dry: tuple[float, ...] = (0.0,) * len(case.scenarios)
-        sinks = any(kind.sinking for kind in case.spill.kinds)
     else:
         drawn = prior.draw(spec, shore)
         ensemble, dry = drawn.ensemble, prior.dry(spec, drawn.tried, shore)
-    setup = staged(case, where, shore, ensemble, dry, sinks=sinks)
+    setup = staged(case, where, shore, ensemble, dry)
     with closed_on_failure(setup):
         lacks = lost.lacking(where.box, ensemble, setup.scene, setup.clock)
         lost.check_prior(spec, where, case.max_lost, setup.scene, lacks)
-    return Start(**vars(setup), ensemble=ensemble, worlds=worlds)
+    return Start(**vars(setup), ensemble=ensemble, worlds=drawn_first)
+
+
+def worlds(case: Case, where: Environment) -> Worlds:
+    """Return the worlds of a spill, drawn from their prior."""
+    assert case.spill is not None
+    assert where.coast is not None  # environment.open_for
+    return drawn_worlds.draw(case.spill, case.seed, partial(shoreline.is_land, where.coast), members=len(where.members))
 
 
 def staged(
@@ -142,11 +145,9 @@ def staged(
     shore: device_coast.DeviceCoast | None,
     some: Ensemble,
     dry: tuple[float, ...],
-    *,
-    sinks: bool = False,
 ) -> Setup:
     """Return what a run goes through; some: its particles, or as many as tell how long steps may be."""
-    scene = scene_of(case, where, shore, sinks=sinks)
+    scene = scene_of(case, where, shore)
     try:
         clock, trial = step_size.clock_of(case.period, clock_spec(case), case.errors, where.sources, some, scene)
     except BaseException:
@@ -155,8 +156,9 @@ def staged(
     return Setup(spec=spec_of(case, where), dry=dry, scene=scene, clock=clock, trial=trial)
 
 
-def scene_of(case: Case, where: Environment, shore: device_coast.DeviceCoast | None, *, sinks: bool = False) -> Scene:
+def scene_of(case: Case, where: Environment, shore: device_coast.DeviceCoast | None) -> Scene:
     """Return the scene of a case's run; close its forcing after it. shore: the coast on the device."""
+    sinks = case.spill is not None and any(kind.sinking for kind in case.spill.kinds)
     beach, bias = _beach(case.coast), case.current_error.bias > 0
     place = advance.Surroundings(domain.binary(where.box), shore, beach, bias, sinks, scheme=case.scheme)
     steering = models.steering(case.scenarios, case.period, case.errors)
@@ -174,25 +176,31 @@ def closed_on_failure(setup: Setup) -> Iterator[None]:
         raise
 
 
-def stretches(case: Case, where: Environment, begin: Start) -> Segments | None:
+def stretches(case: Case, where: Environment, drawn: Worlds | None) -> Segments | None:
     """Return the stretches of coast by which a spill is reported; None without a spill.
 
-    Raises UserError for finds and patrols that cannot be.
+    drawn: its worlds. Raises UserError for finds and patrols that cannot be.
     """
-    if not (case.spill and where.coast and begin.worlds):
+    if not (case.spill and where.coast and drawn):
         return None
-    return renewal.stretches(case.period, case.spill, where.coast, begin.worlds)
+    return renewal.stretches(case.period, case.spill, where.coast, drawn)
 
 
 def renew(case: Case, where: Environment, before: Start, proposal: Proposal, number: int) -> Start:
     """Return the start of the same spill in new worlds, drawn from a proposal; number: of the renewal, from 1."""
     assert case.spill is not None
+    drawn, seed = renewed(case, where, proposal, number)
+    ensemble = release.draw(case.spill, drawn, case.period, case.errors, before.scene.place.coast, seed)
+    again = replace(before.scene, forcing=Forcing(list(where.scenarios), case.direction))
+    return replace(before, ensemble=ensemble, scene=again, worlds=drawn)
+
+
+def renewed(case: Case, where: Environment, proposal: Proposal, number: int) -> tuple[Worlds, int]:
+    """Return new worlds of a spill, drawn from a proposal, and the seed of their objects; number: of the renewal, from 1."""
+    assert case.spill is not None
     assert where.coast is not None
     seed = noise.seed_for(case.seed, Purpose.RENEWAL, number)
-    worlds = drawn_worlds.draw(case.spill, seed, partial(shoreline.is_land, where.coast), proposal)
-    ensemble = release.draw(case.spill, worlds, case.period, case.errors, before.scene.place.coast, seed)
-    again = replace(before.scene, forcing=Forcing(list(where.scenarios), case.direction))
-    return replace(before, ensemble=ensemble, scene=again, worlds=worlds)
+    return drawn_worlds.draw(case.spill, seed, partial(shoreline.is_land, where.coast), proposal), seed
 
 
 def beliefs(case: Case, begin: Start) -> Beliefs | None:

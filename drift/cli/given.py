@@ -48,6 +48,11 @@ def quantity(text: str, unit: str, option: str, example: str) -> float:
     return number
 
 
+def scale(given: argparse.Namespace) -> dict[str, Any]:
+    """Return how a run is to be cut into shards."""
+    return {"memory": memory(given.memory), "shards": given.shards}
+
+
 def memory(text: str | None) -> float | None:
     """Return a size of memory [GiB]; None where none is given."""
     if text is None:

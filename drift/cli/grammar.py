@@ -61,6 +61,8 @@ def parser() -> Parser:
     )
     _add_case(plan)
     _add_results(plan, "NAME-plan")
+    _add_scale(plan)
+    _add_cluster(plan)
 
     origin = commands.add_parser("origin", help="run a spill backward from its finds to where it may have come from")
     _add_case(origin)

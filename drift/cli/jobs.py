@@ -21,7 +21,7 @@ def run(given: argparse.Namespace) -> Answer:
         from drift.forecast import tables
         from drift.shards import cluster
 
-        options |= {"memory": take.memory(given.memory), "shards": given.shards}
+        options |= take.scale(given)
         with cluster.connected(given.workers, given.cluster) as client:
             result = flow.run(case, out, client=client, **options)
     made = result.summary["run"]
@@ -40,11 +40,14 @@ def plan(given: argparse.Namespace) -> Answer:
         from drift.patrols import files as patrol_files
         from drift.patrols import patrol
         from drift.planner import planner
+        from drift.shards import cluster
 
-        if case.spill:
-            patrols, result = patrol.patrol(case, out, **options)
-        else:
-            search_plan, _ = planner.plan(case, out, **options)
+        options |= take.scale(given)
+        with cluster.connected(given.workers, given.cluster) as client:
+            if case.spill:
+                patrols, result = patrol.patrol(case, out, client=client, **options)
+            else:
+                search_plan, _ = planner.plan(case, out, client=client, **options)
     if case.spill:
         assert result.aftermath is not None
         told, line = patrol_files.facts(patrols, result.aftermath), f"Patrols in {out / 'patrols.txt'}"

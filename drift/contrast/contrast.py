@@ -200,8 +200,8 @@ def _of_run(run_a: Moved, run_b: Moved, logs: tuple[detection.Log, detection.Log
     """Return the differences of figures of the run as a whole."""
     end = run_a.snapshots.time(len(run_a.snapshots) - 1)
     if run_a.after and run_b.after:
-        a = washup.figures(run_a.after, run_a.done.ensemble.seed)
-        b = washup.figures(run_b.after, run_b.done.ensemble.seed)
+        a = washup.figures(run_a.after, run_a.done.seed)
+        b = washup.figures(run_b.after, run_b.done.seed)
         both = washup.with_all(a, b, drawn.size), washup.with_all(b, a, drawn.size)
         rows = units.differences(end, both[0], both[1], drawn)
         return [rows[0], *sorted(rows[1:], key=lambda row: -abs(row.difference))] if rows else rows

@@ -7,9 +7,10 @@ import itertools
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from io import BufferedRandom
+from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, overload
 
@@ -83,11 +84,12 @@ class Taken(NamedTuple):
 class Reel:
     """What some of a run's particles, whole blocks, were like at all output times, in a file."""
 
-    file: BufferedRandom
+    file: BufferedRandom | Path  # open, or where it is: a run may have more of them than a process may hold open
     n: int
     taken: list[Taken] = field(default_factory=list)
     end: dict[str, int] = field(default_factory=dict)  # where columns of the end of the run begin
     notes: dict[str, Noted] = field(default_factory=dict)  # what else a run takes down, by name
+    _later: Array | None = None  # log weights given after the run; not in the file, whose checksum is taken at its end
     _size: int = 0
 
     def record(self, period: Period, moments: Iterable[Moment]) -> None:
@@ -112,8 +114,8 @@ class Reel:
             self.end[name] = self._keep(name, ensemble.columns[name].to_numpy())
 
     def reweigh(self, log_weight: Array) -> None:
-        """Take weights for all times that have none of their own."""
-        self.end["log_weight"] = self._keep("log_weight", log_weight)
+        """Take weights (n,) for all times that have none of their own."""
+        self._later = log_weight.astype(KINDS["log_weight"])
 
     @property
     def empty(self) -> bool:
@@ -128,14 +130,32 @@ class Reel:
         """Return values that have been taken down, or some of them."""
         noted = self.notes[name]
         kind, last = np.dtype(noted.kind), noted.size if last is None else last
-        self.file.seek(noted.begin + first * kind.itemsize)
-        return np.frombuffer(self.file.read((last - first) * kind.itemsize), kind)
+        return np.frombuffer(self._bytes(noted.begin + first * kind.itemsize, (last - first) * kind.itemsize), kind)
 
     def _keep(self, name: str, values: Array) -> int:
         """Append a column to the file, and return where it begins."""
         return self._append(np.ascontiguousarray(values, KINDS[name]))
 
+    def _bytes(self, begin: int, size: int) -> bytes:
+        if isinstance(self.file, Path):
+            with self.file.open("rb") as file:
+                file.seek(begin)
+                return file.read(size)
+        self.file.seek(begin)
+        return self.file.read(size)
+
+    def sync(self) -> None:
+        """Have all of it on the disk."""
+        assert not isinstance(self.file, Path)
+        os.fsync(self.file.fileno())
+
+    def close(self) -> None:
+        """Close its file, if it is open."""
+        if not isinstance(self.file, Path):
+            self.file.close()
+
     def _append(self, column: Array) -> int:
+        assert not isinstance(self.file, Path)
         begin = self._size
         try:
             self.file.seek(begin)
@@ -149,13 +169,19 @@ class Reel:
 
     def read(self, name: str, at: int | None, first: int, last: int) -> Array:
         """Return a column of some slots, of a moment or of the end of the run (None)."""
+        if at is None and name == "log_weight" and self._later is not None:
+            return self._later[first:last]
         kind, where = KINDS[name], self.end if at is None else self.taken[at].where
-        self.file.seek(where[name] + first * kind.itemsize)
-        return np.frombuffer(self.file.read((last - first) * kind.itemsize), kind)
+        return np.frombuffer(self._bytes(where[name] + first * kind.itemsize, (last - first) * kind.itemsize), kind)
 
     def logs(self, at: int, first: int, last: int) -> Array:
         """Return the log weights of some slots at a moment: its own, or those of the end."""
         return self.read("log_weight", at if "log_weight" in self.taken[at].where else None, first, last)
+
+    @property
+    def layout(self) -> Layout:
+        """Which slots belong to which scenario at the end of the run."""
+        return self.taken[-1].layout
 
     def spans(self, at: int) -> list[tuple[int, int]]:
         """Return ranges of blocks of some PART slots each."""
@@ -181,11 +207,19 @@ class Spool(Sequence[Snapshot]):
 
     @classmethod
     def of_run(
-        cls, period: Period, ensemble: Ensemble, moments: Iterable[Moment], outputs: int, *, worlds: bool = False
+        cls,
+        period: Period,
+        ensemble: Ensemble,
+        moments: Iterable[Moment],
+        outputs: int,
+        *,
+        worlds: bool = False,
+        more: Callable[[Reel], None] | None = None,
     ) -> "Spool":
         """Take up the moments of a run as they come, in a temporary file that goes when it is closed.
 
-        Weights are theirs, or those that the ensemble has afterwards. outputs: the number of moments.
+        Weights are theirs, or those that the ensemble has afterwards. outputs: the number of moments; more: takes down
+        what else is known at the end of the run.
         """
         need = ensemble.n * BYTES * outputs
         _check_room(need)
@@ -197,6 +231,8 @@ class Spool(Sequence[Snapshot]):
         try:
             reel.record(period, moments)
             reel.end_with(ensemble)
+            if more:
+                more(reel)
         except NoRoom as error:
             raise _refusal(f"{error}; all output times need {_size(need)}") from error
         except BaseException:
@@ -211,13 +247,26 @@ class Spool(Sequence[Snapshot]):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for reel in itertools.chain(*self._stretches):
-            reel.file.close()
+            reel.close()
 
-    def reweigh(self, ensemble: Ensemble) -> None:
-        """Take the weights that an ensemble has now, for all times that have none of their own."""
-        (reel,) = self._stretches[-1]
-        reel.reweigh(ensemble.log_weight.to_numpy())
+    def reweigh(self, log_weight: Array) -> None:
+        """Take log weights (n,), in the order of the whole run, for all times that have none of their own."""
+        for reel in self._stretches[-1]:
+            reel.reweigh(np.concatenate([log_weight[number : number + b - a] for a, b, number in reel.layout.slots]))
         self._scale.clear()
+
+    def columns(self, names: Sequence[str], at: int | None = None) -> tuple[Array, ...]:
+        """Return columns of all particles, (n,) each in the order of the whole run, of a moment or of the end (None)."""
+        columns = tuple(np.empty(self.n, KINDS[name]) for name in names)
+        for reel in self._stretches[-1]:
+            for first, last, number in reel.layout.slots:
+                for name, column in zip(names, columns, strict=True):
+                    column[number : number + last - first] = reel.read(name, at, first, last)
+        return columns
+
+    def noted(self, name: str) -> list[tuple[Layout, Array]]:
+        """Return what has been taken down of each shard under a name, with the shard's slots."""
+        return [(reel.layout, reel.noted(name)) for reel in self._stretches[-1]]
 
     def time(self, index: int) -> np.datetime64:
         """Return the time of a snapshot."""

@@ -73,6 +73,13 @@ class Layout:
         """The blocks by which sums over particles are made."""
         return partials.cut(self.bounds, self.numbers, self.block)
 
+    @property
+    def slots(self) -> list[Slots]:
+        """The slots of each scenario, as what draws noise takes them."""
+        return [
+            Slots(a, b, number) for (a, b), number in zip(itertools.pairwise(self.bounds), self.numbers, strict=True)
+        ]
+
     def shards(self, many: int) -> "list[Layout]":
         """Return the layouts of about as many shards: of whole blocks, one after another."""
         edges = np.append(self.blocks.first, self.blocks.n)
@@ -138,7 +145,7 @@ class Ensemble:
     @property
     def slots(self) -> list[Slots]:
         """The slots of each scenario, as what draws noise takes them."""
-        return [Slots(*own, number) for own, number in zip(self.scenarios, self.numbers, strict=True)]
+        return self.layout.slots
 
     @property
     def places(self) -> Array:

@@ -11,6 +11,7 @@ from drift.patrols import chapter
 from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import PatrolPlan
 from drift.result import Result
+from drift.shards import work
 from drift.spill import evidence
 from geo.errors import UserError
 
@@ -25,17 +26,20 @@ def patrol(
     backend: str = "cpu",
     overwrite: bool = False,
     report: Report | None = None,
+    memory: float | None = None,
+    shards: int | None = None,
+    client: Any = None,
 ) -> tuple[PatrolPlan, Result]:
     """Plan the next patrols of a spill; with `out`, write them and the forecast, complete or not at all.
 
-    Raises UserError for all that the user can mend.
+    memory, shards, client: as `drift.run` takes them. Raises UserError for all that the user can mend.
     """
     if case.spill is None or not case.spill.teams:
         raise UserError(
             f"{case.path.name}: has no [[patrol_unit]] to plan with: "
             "give each its length a day, detection and first patrol"
         )
-    job = opened(case, Options(out, datasets, threads, backend, overwrite, report))
+    job = opened(case, Options(out, datasets, threads, backend, overwrite, report, memory, shards, client))
     assert job.where.coast is not None
     segments = evidence.cut(case.spill, job.where.coast)
     patrol_planner.patrols(case.period, case.spill, segments)  # before the drift, because it may refuse the case
@@ -49,4 +53,5 @@ def patrol(
         setting = facts.with_coast(facts.setting(case, job.where))
         patrols = chapter.chapter(chapter.Matter(plan, after, setting, facts.synthetic(case)))
         flow.write(result, job, more=[patrols])
+        work.clear(job.out)
     return plan, result

@@ -56,9 +56,7 @@ def plan(
     drift.run takes them. Raises UserError for all that the user can mend.
     """
     check(case)
-    options = Options(out, datasets, threads, backend, overwrite, report, memory, shards, client)
-    flow.check_workers(options)
-    job = opened(case, options)
+    job = opened(case, Options(out, datasets, threads, backend, overwrite, report, memory, shards, client))
     proposed, executed, result = scheme(job)
     if job.out is not None:
         shown = None if proposed.shares is None else likeliest.of(proposed.shares)

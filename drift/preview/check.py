@@ -43,7 +43,7 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
         few = replace(few, spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2, members)))
     begin = start.prepare(few, where)
     try:
-        stretches = start.stretches(few, where, begin)
+        stretches = start.stretches(few, where, begin.worlds)
         nodes = sum(s.grid.nlon * s.grid.nlat * len(s.members) for s in where.sources if s.others)
         work = outlook.work(case, begin.clock.step, nodes) + outlook.advised(case, where, begin)
         ends, refused = outlook.ends(case, begin)

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from drift.shards import machine, worker
-from drift.shards.unit import Unit
-from drift.shards.work import Work
+from drift.shards.work import Task, Work
 from geo.errors import UserError
 
 PATIENCE = 20  # [s] to wait for a cluster to answer
@@ -85,7 +84,7 @@ def check(client: Any, folder: Path) -> None:
             )
 
 
-def moved(client: Any, kept: Work, units: Sequence[Unit], tell: Callable[[float], None]) -> None:
+def moved(client: Any, kept: Work, units: Sequence[Task], tell: Callable[[float], None]) -> None:
     """Have the workers move shards, which they keep in the run's folder; tell: takes how many are done.
 
     A worker that is lost costs the shards under way on it, which others do again. Raises UserError where the cluster is

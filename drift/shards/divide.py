@@ -20,6 +20,7 @@ from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.step_size import TRIAL_SIZE
 from drift.particles import ensemble as record
 from drift.particles.ensemble import Ensemble, Layout
+from drift.particles.partials import WORLDS
 from drift.search.filter import living
 from drift.start import Setup
 from geo.errors import UserError
@@ -29,6 +30,8 @@ from kernels.coast import DeviceCoast
 GIB = 2**30
 BASE = 700 * 2**20  # [bytes] that a run takes however few its particles are: the program, the forcing, the coast, maps
 HELD = 200  # [bytes] a particle of the shard under way is given, while it is drawn and moved: about 130 were seen
+SEARCHED, STEERING = 100, 200  # [bytes] more, where there is a search, and where anything steers
+WEIGHED = 300  # [bytes] a particle of a spill while all are weighed together: 230 to 290 were seen
 LEAST = 2**16  # particles in a shard, if memory is scarce
 LOSS = 2**20  # particles in a shard at most: what is under way is lost when a run is stopped
 PER_WORKER = 4  # shards at least, so that none waits long for another at the end
@@ -44,35 +47,39 @@ class Divided:
     target: list[int]  # particles of each scenario
 
 
-def refusal(case: Case) -> str:
-    """Return why a case cannot be cut into shards; "" where it can."""
-    return "a spill's worlds are weighed together" if case.spill else ""
-
-
 def number(case: Case, memory: float | None, shards: int | None, workers: int | None = None) -> int:
     """Return how many shards a run is cut into: as many as is said, or as its memory and the loss at a stop ask for.
 
     memory: [GiB] it may take, by default half of what is free. workers: that share it; None: this process moves them.
     1 without workers is a run in one piece. Raises UserError for what cannot be.
     """
-    whole = refusal(case)
-    if whole and workers is not None:
-        raise UserError(f"--workers, --cluster: {case.path.name} cannot be dealt out: {whole}")
-    if whole and shards not in (None, 1):
-        raise UserError(f"--shards {shards}: {case.path.name} cannot be cut into shards: {whole}")
     least = (BASE + HELD * LEAST) / GIB
     if memory is not None and not memory >= least:
         raise UserError(f"--memory {memory:g}: a run takes {least:.2g} (GiB) at least")
-    if whole:
-        return 1
-    most = prior.layout(start.ensemble_spec(case)).blocks.first.size
+    spill = case.spill
+    together = (BASE + WEIGHED * case.particles) / GIB
+    if spill and memory is not None and memory < together:
+        raise UserError(
+            f"--memory {memory:g}: the fates of a spill's {case.particles:,} particles are weighed together, which takes "
+            f"{together:.2g} (GiB); give as much, or fewer worlds"
+        )
+    most = -(-spill.worlds // WORLDS) if spill else prior.layout(start.ensemble_spec(case)).blocks.first.size
     if shards is not None:
         if not 1 <= shards <= most:
-            raise UserError(f"--shards {shards}: {case.path.name} has {most:,} blocks of particles; give 1 to {most:,}")
+            what = "of worlds" if spill else "of particles"
+            raise UserError(f"--shards {shards}: {case.path.name} has {most:,} blocks {what}; give 1 to {most:,}")
         return shards
     room = (free() / 2 if memory is None else memory * GIB) / (workers or 1) - BASE
-    size = min(max(int(room / HELD), LEAST), LOSS)
+    size = min(max(int(room / held(case)), LEAST), LOSS)
     return min(max(math.ceil(case.particles / size), PER_WORKER * (workers or 0), 1), most)
+
+
+def held(case: Case) -> int:
+    """Return how many bytes a particle of the shard under way is given."""
+    debris = len({contact.drifter for contact in case.contacts} - {None})
+    steers = any(scenario.itinerary for scenario in case.scenarios)
+    searched = SEARCHED + 8 * len(case.sorties) if start.is_searched(case) else 0
+    return HELD + searched + STEERING * steers + 100 * debris
 
 
 def free() -> int:
@@ -90,7 +97,7 @@ def prepare(case: Case, where: Environment, many: int) -> Divided:
 
     Raises UserError as drift.start.prepare does.
     """
-    assert not refusal(case)  # it would be run without its evidence
+    assert not case.spill  # drift.shards.spilled
     spec = start.spec_of(case, where)
     coast = device_coast.upload(where.coast) if where.coast else None
     whole = prior.layout(spec)

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from drift import start
-from drift.job import Job
+from drift.job import Job, Report
 from drift.motion.spool import Reel, Spool
 from drift.particles.ensemble import Layout
 from drift.particles.weights import Weighed
@@ -52,7 +52,7 @@ class _Way:
 @contextlib.contextmanager
 def moved(job: Job, run: Divided, noted: Noted | None) -> Iterator[Moved]:
     """Give what the particles of a run were like at all output times, and what was told on the way."""
-    case = job.case
+    case, job = job.case, replace(job, tell=_rising(job.tell))
     need = work.need(case, run.layout.bounds[-1])
     with work.opened(job.out, fingerprint.of(job, run.many), need) as kept:
         try:
@@ -109,16 +109,43 @@ def _units(job: Job, run: Divided, way: _Way) -> list[Unit]:
 
 def _stretch(job: Job, run: Divided, kept: Work, units: Sequence[Unit]) -> list[Reel]:
     """Return the reels of a stretch of all shards, moved or read where they are finished."""
-    many, begun = len(units), (units[0].since.time if units[0].since else 0) / run.setup.clock.duration
+    many, (begun, end) = len(units), _span(job, run, units[0])
 
     def tell(done: int, share: float) -> None:
         """Say how far the run is; share: how far the shard after those that are done is."""
-        job.tell("drift", begun + (done * (1 - begun) + max(share - begun, 0.0)) / many)
+        own = min(max(share - begun, 0.0), end - begun)
+        job.tell("drift", begun + (done * (end - begun) + own) / many)
 
     if job.client is not None:
         missing = [unit for unit in units if not kept.finished(unit.name)]
         cluster.moved(job.client, kept, missing, lambda done: tell(many - len(missing) + int(done), 0.0))
     return [unit.move(run.setup.scene, job.where, partial(tell, unit.number), kept) for unit in units]
+
+
+def _rising(tell: Report) -> Report:
+    """Return the same that never goes back: a step before which shards meet is made twice."""
+    most = 0.0
+
+    def told(phase: str, share: float) -> None:
+        nonlocal most
+        most = max(most, share)
+        tell(phase, most)
+
+    return told
+
+
+def _span(job: Job, run: Divided, unit: Unit) -> tuple[float, float]:
+    """Return the shares of the run's time at which a stretch begins and will end, to a step."""
+    case, duration = job.case, run.setup.clock.duration
+    begun = unit.since.time if unit.since else 0
+    asked = [
+        contact.time for k, contact in enumerate(case.contacts) if contact.belief < 1 and k not in (unit.known or {})
+    ]
+    if case.resampling.below > 0:
+        asked += [contact.time for contact in case.contacts] + [sortie.end for sortie in case.sorties]
+        asked += [getattr(what, "end", getattr(what, "time", case.end)) for what in case.sensors.telling]
+    stops = [time for time in map(case.period.elapsed, asked) if time > begun]
+    return begun / duration, min([*stops, duration]) / duration
 
 
 def _go_on(job: Job, run: Divided, kept: Work, way: _Way, units: Sequence[Unit], told: Told) -> None:

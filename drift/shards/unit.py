@@ -48,6 +48,7 @@ class Unit:
     stretch: int = 0
     since: From | None = None  # None: the run's start
     known: Mapping[int, float] | None = None  # log mean likelihoods of doubtful contacts, by their numbers
+    of: str = ""  # nothing besides the fingerprint of the run
 
     @property
     def n(self) -> int:

@@ -15,13 +15,15 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from io import BufferedRandom
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from drift.case.record import Case
+from drift.environment.environment import Environment
+from drift.motion import simulate
+from drift.motion.scene import Scene
 from drift.motion.spool import BYTES, BYTES_END, NoRoom, Noted, Reel, Taken
 from drift.output import hidden
 from drift.particles.ensemble import Layout
@@ -38,47 +40,74 @@ STATE = 200  # [bytes] a particle, about
 LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
 
 
-@dataclass
+class Task(Protocol):
+    """What one process does at a time of a run in shards."""
+
+    @property
+    def case(self) -> Case:
+        """Whose run it is."""
+
+    @property
+    def number(self) -> int:
+        """Number of its shard."""
+
+    @property
+    def name(self) -> str:
+        """What its file is called."""
+
+    @property
+    def of(self) -> str:
+        """What it follows from besides the fingerprint of the run."""
+
+    def move(self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: "Work") -> Reel:
+        """Return what the particles were like, moved unless that is kept; tell: takes the share that is done."""
+
+
+@dataclass(frozen=True)
 class Work:
-    """What is finished of a run; files: closes what has been opened."""
+    """What is finished of a run."""
 
     folder: Path
-    files: contextlib.ExitStack
 
-    def reel(self, name: str, n: int, fill: Callable[[Reel], None]) -> Reel:
-        """Return the reel of a file, read where it is finished, else filled and kept; n: its particles."""
-        finished = self._finished(name)
+    def reel(self, name: str, n: int, fill: Callable[[Reel], None], of: str = "") -> Reel:
+        """Return the reel of a file, read where it is finished, else filled and kept; n: its particles.
+
+        of: what it follows from besides the fingerprint, such as the worlds of a renewal.
+        """
+        finished = self._finished(name, of)
         if finished is not None:
             return finished
-        with self.also(name, n) as reel:
+        with self.also(name, n, of) as reel:
             fill(reel)
         return reel
 
     @contextlib.contextmanager
-    def also(self, name: str, n: int) -> Iterator[Reel]:
+    def also(self, name: str, n: int, of: str = "") -> Iterator[Reel]:
         """Give the reel of a file to fill, and keep it if anything is in it."""
         data = self._data(name)
         with self._room(data):
             self._index(name).unlink(missing_ok=True)
-            reel = Reel(self.files.enter_context(data.open("w+b")), n)
+            reel = Reel(data.open("w+b"), n)
         try:
-            yield reel
+            with contextlib.closing(reel):
+                yield reel
+                with self._room(data):
+                    reel.sync()
         except NoRoom as error:
             raise self._refusal(data, str(error)) from error
         except BaseException:
             data.unlink(missing_ok=True)
             raise
+        reel.file = data
+        if reel.empty:
+            data.unlink()
+            return
         with self._room(data):
-            if reel.empty:
-                reel.file.close()
-                data.unlink()
-                return
-            os.fsync(reel.file.fileno())
-            _replace(self._index(name), json.dumps({**_index(reel), "digest": _digest(data)}))
+            _replace(self._index(name), json.dumps({**_index(reel), "of": of, "digest": _digest(data)}))
 
     def read(self, name: str) -> Reel:
         """Return the reel of a file that was finished before; raise Gone where it is not there, or has been altered."""
-        finished = self._finished(name)
+        finished = self._finished(name, "")
         if finished is None:
             raise Gone(name)
         return finished
@@ -118,9 +147,12 @@ class Work:
         self.begin_anew()
         (self.folder / ABOUT).unlink(missing_ok=True)
 
-    def finished(self, name: str) -> bool:
-        """Return whether a file is there, whether or not it has been altered since."""
-        return self._index(name).exists()
+    def finished(self, name: str, of: str = "") -> bool:
+        """Return whether a file is there, whether or not it has been altered since; of: see `reel`."""
+        try:
+            return bool(json.loads(self._index(name).read_text(encoding="utf-8"))["of"] == of)
+        except (OSError, ValueError, KeyError, TypeError):
+            return False
 
     def _data(self, name: str) -> Path:
         return self.folder / f"{name}.bin"
@@ -128,13 +160,17 @@ class Work:
     def _index(self, name: str) -> Path:
         return self.folder / f"{name}.json"
 
-    def _finished(self, name: str) -> Reel | None:
+    def _finished(self, name: str, of: str) -> Reel | None:
         """Return the reel of a file that is finished; None where it is not, or has been altered since."""
+        data = self._data(name)
         try:
             index = json.loads(self._index(name).read_text(encoding="utf-8"))
-            if _digest(self._data(name)) == index["digest"]:
-                return _read(self.files.enter_context(self._data(name).open("r+b")), index)
-            why = "has been altered"
+            if index["of"] != of:
+                why = "is of other worlds"
+            elif _digest(data) == index["digest"]:
+                return _read(data, index)
+            else:
+                why = "has been altered"
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError) as error:
@@ -157,11 +193,11 @@ def opened(out: Path | None, fingerprint: Mapping[str, str], need: int) -> Itera
     with contextlib.ExitStack() as stack:
         if out is None:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="drift-")))
-            work = Work(folder, stack)
+            work = Work(folder)
             _replace(folder / ABOUT, json.dumps(dict(fingerprint)))
         else:
             folder = _of(out)
-            work = Work(folder, stack)
+            work = Work(folder)
             try:
                 folder.mkdir(parents=True, exist_ok=True)
                 if not stack.enter_context(hidden.alone(folder, 0.0)):
@@ -262,7 +298,7 @@ def _index(reel: Reel) -> dict[str, Any]:
     }
 
 
-def _read(file: BufferedRandom, index: Mapping[str, Any]) -> Reel:
+def _read(file: Path, index: Mapping[str, Any]) -> Reel:
     bounds, numbers, block = (tuple(part) for part in index["layout"] or ((), (), ()))
     layout = Layout(bounds, numbers, block)
     taken = [

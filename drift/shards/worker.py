@@ -1,6 +1,5 @@
 """What a worker of a cluster does: opens a case's environment once, moves shards in it, and keeps them in the run's folder."""
 
-import contextlib
 import hashlib
 import os
 import pickle
@@ -11,7 +10,6 @@ from drift import start
 from drift.environment.environment import Environment
 from drift.motion.scene import Scene
 from drift.shards import machine, work
-from drift.shards.unit import Unit
 from kernels import coast as device_coast
 from kernels import runtime
 
@@ -34,9 +32,9 @@ def about(folder: str) -> dict[str, str]:
         }
 
 
-def move(folder: str, unit: Unit) -> int:
+def move(folder: str, unit: work.Task) -> int:
     """Move a shard, keep it in the run's folder, and return its number."""
-    with runtime.alone(), contextlib.ExitStack() as stack:
+    with runtime.alone():
         runtime.start(threads=1)
         key = hashlib.sha256(pickle.dumps(unit.case)).hexdigest()
         if key not in _open:
@@ -49,6 +47,6 @@ def move(folder: str, unit: Unit) -> int:
                 start.scene_of(unit.case, where, device_coast.upload(where.coast) if where.coast else None),
             )
         where, scene = _open[key]
-        kept = work.Work(Path(folder), stack)
+        kept = work.Work(Path(folder))
         unit.move(scene, where, None, kept)
     return unit.number

@@ -16,7 +16,7 @@ from drift.particles import members, partials
 from drift.particles.ensemble import Column, Ensemble, Layout
 from drift.spill.records import FEWEST_PARTICLES, Spill
 from drift.spill.worlds import Worlds
-from geo.array import Real
+from geo.array import Array, Real
 from geo.errors import UserError
 from kernels import noise, runtime
 from kernels import prior as kernel
@@ -35,15 +35,50 @@ def per_world(spill: Spill) -> tuple[int, ...]:
     return tuple(int(n) for n in np.diff(ends, prepend=0))
 
 
+def layout(spill: Spill, first: int = 0, last: int | None = None) -> Layout:
+    """Return which slots belong to which class, of the worlds from number `first` to before `last`; by default of all."""
+    counts = np.array(per_world(spill))
+    many = (spill.worlds if last is None else last) - first
+    bounds = (0, *(int(n) for n in np.cumsum(counts) * many))
+    numbers = tuple(int(n) for n in (np.cumsum(counts) - counts) * spill.worlds + counts * first)
+    return Layout(bounds, numbers, tuple(int(n) for n in counts * partials.WORLDS))
+
+
 def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: DeviceCoast, seed: int) -> Ensemble:
     """Return the ensemble of a spill's worlds, each class of equal weight within.
 
     Raises UserError when objects scattered about a release find no water.
     """
-    counts = per_world(spill)
-    bounds = tuple(int(n) for n in np.concatenate([[0], np.cumsum(counts) * worlds.size]))
-    block = tuple(partials.WORLDS * count for count in counts)
-    ensemble, key = record.empty(seed, Layout(bounds, bounds[:-1], block), columns(worlds)), noise.key(seed)
+    ensemble, dry = drawn(spill, worlds, period, errors, coast, seed)
+    check(spill, dry)
+    return ensemble
+
+
+def check(spill: Spill, dry: Array) -> None:
+    """Refuse a spill whose objects find no water; dry: how many of each class did not, of all worlds, (classes,)."""
+    for failed, count in zip(dry.tolist(), per_world(spill), strict=True):
+        if failed > 0.01 * count * spill.worlds:
+            raise UserError(
+                f"[spill] release_std: {failed:,} of {count * spill.worlds:,} objects found no water about their "
+                "release; make it smaller, or check [coast] source"
+            )
+
+
+def drawn(
+    spill: Spill,
+    worlds: Worlds,
+    period: Period,
+    errors: Errors,
+    coast: DeviceCoast,
+    seed: int,
+    own: Layout | None = None,
+) -> tuple[Ensemble, Array]:
+    """Return the ensemble of some worlds, and how many objects of each class found no water, int64 (classes,).
+
+    own: which slots belong to which class, of these worlds alone; by default of all worlds.
+    """
+    counts, own = per_world(spill), own or layout(spill)
+    ensemble, key, dry = record.empty(seed, own, columns(worlds)), noise.key(seed), np.zeros(len(counts), np.int64)
     where = [runtime.upload(x.astype(np.int32)) for x in (worlds.lon, worlds.lat, worlds.release - period.epoch)]
     factor = runtime.upload(worlds.windage.astype(np.float32))
     log_weight = np.empty(ensemble.n, np.float32)
@@ -53,12 +88,7 @@ def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: De
             True, *slots, slots.number, count, ensemble.lon, ensemble.lat, ensemble.release, ensemble.world, tries, *key,
             *where, spill.release_std, spill.release_duration, coast.pack,
         )  # fmt: skip
-        failed = int(tries.to_numpy()[1])
-        if failed > 0.01 * (slots.last - slots.first):
-            raise UserError(
-                f"[spill] release_std: {failed:,} of {slots.last - slots.first:,} objects found no water about their "
-                "release; make it smaller, or check [coast] source"
-            )
+        dry[number] = tries.to_numpy()[1]
         drift.draw_leeway(ensemble, slots, key, kind.object)
         if kind.object.immersion is not None:
             kernel.draw_immersion(*slots, ensemble.own["down_slope"], *key, *kind.object.immersion, AIR_IN_WATER)
@@ -71,10 +101,12 @@ def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: De
             )
         drift.draw_errors(ensemble, slots, key, errors.unbiased())
         with np.errstate(divide="ignore"):
-            log_weight[slots.first : slots.last] = np.log(kind.share) - np.log(count * worlds.size)
+            log_weight[slots.first : slots.last] = np.log(kind.share) - np.log(count * spill.worlds)
     belong(ensemble, worlds)
+    # Until here a slot's world is its number among those that are here.
+    ensemble.world.from_numpy(ensemble.world.to_numpy() + np.int32(own.numbers[0] // counts[0]))
     ensemble.log_weight.from_numpy(log_weight)
-    return ensemble
+    return ensemble, dry
 
 
 def columns(worlds: Worlds) -> tuple[Column, ...]:

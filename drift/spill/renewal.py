@@ -18,14 +18,13 @@ from drift.forecast import effective
 from drift.motion.period import Period
 from drift.motion.spool import Spool
 from drift.particles import weights
-from drift.particles.ensemble import Ensemble
+from drift.particles.ensemble import owners
 from drift.particles.status import Status
-from drift.spill import evidence, finds, unknowns, verdict, washup, worlds
+from drift.spill import evidence, finds, release, strandings, unknowns, verdict, washup, worlds
 from drift.spill import tables as washup_tables
 from drift.spill.fates import FOREVER, Fates, Realisation
 from drift.spill.realisations import realise
 from drift.spill.records import Spill
-from drift.spill.strandings import Landings
 from drift.spill.worlds import Proposal, Worlds
 from geo.coast.edges import Coast
 from geo.coast.segments import Segments
@@ -42,11 +41,10 @@ REALISATIONS = 4  # most complete spills that are drawn in every world
 
 @dataclass(frozen=True)
 class Drifted:
-    """A finished run: its ensemble at the end, the particles at its outputs, their stays on the shore."""
+    """A finished run: the particles at its outputs and its end, with the stays on the shore that it has taken down."""
 
-    ensemble: Ensemble
+    seed: int
     snapshots: Spool
-    landings: Landings
     worlds: Worlds | None = None  # None unless the run is a spill
 
 
@@ -125,17 +123,18 @@ def settle(
 
 def _fates(spill: Spill, drifted: Drifted, segments: Segments) -> Fates:
     """Return what became of every particle by the end of the run."""
-    ensemble = drifted.ensemble
-    snapshot = drifted.snapshots[-1]
-    over = np.isin(snapshot.status, (Status.SUNK, Status.LEFT, Status.OUTSIDE))
+    spool = drifted.snapshots
+    world, began, since = spool.columns(("world", "release", "status_since"))
+    (ending,) = spool.columns(("status",), len(spool) - 1)
+    over = np.isin(ending, (Status.SUNK, Status.LEFT, Status.OUTSIDE))
     return Fates(
         worlds=spill.worlds,
-        world=ensemble.world.to_numpy(),
-        kind=snapshot.scenario,
-        release=ensemble.release.to_numpy(),
-        ended=np.where(over, ensemble.status_since.to_numpy(), FOREVER).astype(np.int32),
-        ending=snapshot.status,
-        stays=drifted.landings.stays(segments.of_edge),
+        world=world,
+        kind=owners(release.layout(spill).bounds),
+        release=began,
+        ended=np.where(over, since, FOREVER).astype(np.int32),
+        ending=ending.astype(np.int32),
+        stays=strandings.stays(spool, segments.of_edge),
     )
 
 
@@ -145,8 +144,8 @@ def _adrift(period: Period, known: finds.Known, snapshots: Spool) -> dict[int, f
     adrift = {}
     for number, find in enumerate(known.finds):
         if isinstance(find.place, finds.AtSea):
-            at = snapshots[times.index(find.time)]
-            adrift[number] = finds.Adrift(at.lon, at.lat, at.status)
+            lon, lat, status = snapshots.columns(("lon", "lat", "status"), times.index(find.time))
+            adrift[number] = finds.Adrift(lon, lat, status.astype(np.int32))
     return adrift
 
 
@@ -165,8 +164,7 @@ def _reweigh(drifted: Drifted, fates: Fates, posterior: finds.Posterior) -> None
     with np.errstate(divide="ignore"):
         each = np.log(posterior.weight)[:, None] + np.log(left) - np.log(np.maximum(shared, 1e-300)).reshape(left.shape)
         log_weight = each.ravel()[cell] + np.log(np.maximum(unfound, 1e-300))
-    drifted.ensemble.log_weight.from_numpy((log_weight - log_weight.max()).astype(np.float32))
-    drifted.snapshots.reweigh(drifted.ensemble)
+    drifted.snapshots.reweigh((log_weight - log_weight.max()).astype(np.float32))
 
 
 def _outputs(period: Period, snapshots: Spool) -> npt.NDArray[np.int64]:
@@ -178,7 +176,7 @@ def _washup(
     period: Period, spill: Spill, segments: Segments, fates: Fates, posterior: finds.Posterior, drifted: Drifted
 ) -> xr.Dataset:
     count = int(np.clip(spill.per_world // spill.objects[1], 1, REALISATIONS))
-    drawn: Sequence[Realisation] = realise(fates, posterior, drifted.ensemble.seed, count)
+    drawn: Sequence[Realisation] = realise(fates, posterior, drifted.seed, count)
     kinds = [kind.name for kind in spill.kinds]
     return washup.build(
         fates, segments, drawn, posterior.weight, _outputs(period, drifted.snapshots), period.start, kinds

@@ -8,10 +8,12 @@ weighted by the ratio of the two (importance sampling; Cappe et al. 2004, "Popul
 doi:10.1198/106186004X12803). Works on NumPy float64; nothing here touches the device.
 """
 
+import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -55,6 +57,23 @@ class Worlds:
     def size(self) -> int:
         """Number of worlds."""
         return int(self.lon.size)
+
+    def some(self, first: int, last: int) -> "Worlds":
+        """Return the worlds from number `first` to before `last`."""
+        own: dict[str, Any] = {
+            name: value[first:last] for name, value in vars(self).items() if isinstance(value, np.ndarray)
+        }
+        return replace(self, **own)
+
+    @property
+    def digest(self) -> str:
+        """What tells these worlds from others, down to the last bit."""
+        total = hashlib.blake2b(digest_size=16)
+        for value in vars(self).values():
+            total.update(
+                np.ascontiguousarray(value).tobytes() if isinstance(value, np.ndarray) else repr(value).encode()
+            )
+        return total.hexdigest()
 
 
 @dataclass(frozen=True)

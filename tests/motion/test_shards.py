@@ -10,15 +10,13 @@ import drift
 from drift import start
 from drift.motion import models, prior, simulate
 from drift.motion.ensemble_spec import EnsembleSpec
-from drift.motion.leeway import AIR_IN_WATER
 from drift.motion.scenario import Scenario
 from drift.particles import ensemble as record
 from drift.particles.ensemble import Ensemble, Layout
 from drift.particles.partials import BLOCK
 from drift.particles.status import Status
 from drift.spill import release
-from kernels import noise, runtime
-from kernels import prior as kernel
+from kernels import runtime
 
 SHORE = """{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {}, "geometry": {"type": "Polygon",
 "coordinates": [[[0, -2], [2, -2], [2, 2], [0, 2], [0, -2]]]}}]}"""
@@ -165,25 +163,16 @@ def test_a_shard_of_a_spill_draws_its_slice(tmp_path: Path) -> None:
     begin.scene.forcing.close()
     whole, worlds, coast = begin.ensemble, begin.worlds, begin.scene.place.coast
     assert worlds is not None
-    counts = release.per_world(case.spill)
-    assert whole.layout.block == tuple(32 * count for count in counts)
-    key = noise.key(case.seed)
-    places = [runtime.upload(x.astype(np.int32)) for x in (worlds.lon, worlds.lat, worlds.release - case.period.epoch)]
-    for number, (count, slots) in enumerate(zip(counts, whole.slots, strict=True)):
-        part = [(slots.first + 32 * count, slots.first + 96 * count)]
-        own = record.empty(whole.seed, Layout((0, 64 * count), (part[0][0],), (BLOCK,)), models.columns(case.scenarios))
-        (here_,) = own.slots
-        tries = runtime.upload(np.zeros(2, np.int64))
-        kernel.draw_objects(
-            True, *here_, slots.number, count, own.lon, own.lat, own.release, own.world, tries, *key, *places,
-            case.spill.release_std, case.spill.release_duration, coast.pack,
-        )  # fmt: skip
-        kind = case.spill.kinds[number]
-        if kind.object.immersion is not None:
-            kernel.draw_immersion(*here_, own.own["down_slope"], *key, *kind.object.immersion, AIR_IN_WATER)
-            for_slope = own.own["down_slope"].to_numpy() * worlds.windage.astype(np.float32)[own.world.to_numpy()]
-            assert np.array_equal(for_slope, here(whole, part, "down_slope"))
-        time = runtime.upload(worlds.sinking[:, number].astype(np.float32))
-        kernel.draw_sinking(*here_, own.sink_time, own.release, own.world, *key, time, kind.sinking.spread)
-        for name in ("lon", "lat", "release", "world", "sink_time"):
-            assert np.array_equal(own.columns[name].to_numpy(), here(whole, part, name)), name
+    assert whole.layout == release.layout(case.spill)
+    assert whole.layout.block == tuple(32 * count for count in release.per_world(case.spill))
+    for first, last in ((0, 32), (32, 96)):
+        of = release.layout(case.spill, first, last)
+        some = worlds.some(first, last)
+        own, dry = release.drawn(case.spill, some, case.period, case.errors, coast, case.seed, of)
+        assert (dry == 0).all()
+        part = [(slots.number, slots.number + slots.last - slots.first) for slots in own.slots]
+        assert [b - a for a, b in part] == [count * (last - first) for count in release.per_world(case.spill)]
+        assert set(own.columns) == set(whole.columns)
+        for name, column in own.columns.items():
+            assert np.array_equal(column.to_numpy(), here(whole, part, name)), name
+        assert set(own.world.to_numpy()) == set(range(first, last))
