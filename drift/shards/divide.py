@@ -29,7 +29,7 @@ from kernels.coast import DeviceCoast
 GIB = 2**30
 BASE = 700 * 2**20  # [bytes] that a run takes however few its particles are: the program, the forcing, the coast, maps
 HELD = 200  # [bytes] a particle of the shard under way is given, while it is drawn and moved: about 130 were seen
-WEIGHED = 300  # [bytes] a particle of a spill while all are weighed together: 230 to 290 were seen
+WEIGHED = 250  # [bytes] a particle of a spill while all are weighed together: 140 to 260 were seen
 LEAST = 2**16  # particles in a shard, if memory is scarce
 LOSS = 2**20  # particles in a shard at most: what is under way is lost when a run is stopped
 PER_WORKER = 4  # shards at least, so that none waits long for another at the end
