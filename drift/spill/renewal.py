@@ -101,6 +101,7 @@ def settle(
         # prior.
         aim = posterior.log_likelihood + drawn.log_weight
         about = worlds.around(drawn, weights.shares(finds.tempered(aim, least) * aim))
+        del known, fates, posterior  # what moves the next round needs the room
         drifted = renew(about, len(rounds))
         assert drifted.worlds is not None
         drawn = drifted.worlds
