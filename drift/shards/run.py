@@ -5,12 +5,17 @@ import hashlib
 from collections.abc import Iterator
 from functools import partial
 
+import numpy as np
+
 from drift import facts, start
+from drift.environment import environment
 from drift.job import Job
 from drift.motion.spool import Spool
 from drift.shards import cluster, machine, work
 from drift.shards.divide import Divided
 from drift.shards.unit import Unit
+from drift.shards.work import Work
+from geo import notation
 from geo.errors import UserError
 from geo.files import digest
 
@@ -21,8 +26,9 @@ def moved(job: Job, run: Divided) -> Iterator[Spool]:
     case, client = job.case, job.client
     many = len(run.layouts)
     need = work.need(sum(layout.bounds[-1] for layout in run.layouts), case.outputs.size)
+    slices = run.setup.scene.forcing.size(*notation.epochs(np.array(case.period.span)).tolist())
     units = [Unit(case, run.setup.clock, layout, number) for number, layout in enumerate(run.layouts)]
-    with work.opened(job.out, fingerprint(job, many), need) as kept:
+    with work.opened(job.out, fingerprint(job, many), need, slices) as kept, _stored(job, kept):
         if client is not None:
             missing = [unit for unit in units if not kept.finished(unit.number)]
             cluster.moved(client, kept, missing, partial(_tell, job, many - len(missing), many))
@@ -37,6 +43,16 @@ def moved(job: Job, run: Divided) -> Iterator[Spool]:
                 kept.drop()  # the same command would only be refused again
                 raise
             yield spool
+
+
+@contextlib.contextmanager
+def _stored(job: Job, kept: Work) -> Iterator[None]:
+    """Have what this process reads of the forcing stored with the shards meanwhile."""
+    environment.store(job.where, kept.forcing)
+    try:
+        yield
+    finally:
+        environment.store(job.where, None)
 
 
 def _tell(job: Job, done: int, many: int, share: float) -> None:

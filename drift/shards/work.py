@@ -30,6 +30,7 @@ SUFFIX = ".unfinished"
 ABOUT = "about.json"
 NUMBER = "the number of shards"  # in the fingerprint
 INDICES = "shard-*.json"
+FORCING = "forcing"  # folder of slices, which all shards sample and one makes
 CHUNK = 2**24
 LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
 
@@ -103,13 +104,19 @@ class Work:
         LOG.warning("shard %d of the run before %s: it is done again", number, why)
         return None
 
+    @property
+    def forcing(self) -> Path | None:
+        """The folder of the forcing's slices; None: there is no room for them."""
+        folder = self.folder / FORCING
+        return folder if folder.is_dir() else None
+
 
 @contextlib.contextmanager
-def opened(out: Path | None, fingerprint: Mapping[str, str], need: int) -> Iterator[Work]:
+def opened(out: Path | None, fingerprint: Mapping[str, str], need: int, slices: int = 0) -> Iterator[Work]:
     """Give the work of a run that writes to `out`, as far as it is finished; None: it is not kept.
 
-    fingerprint: of all that decides on the results, by what it is of; need: [bytes] of all shards. It stays until
-    `clear`. Raises UserError where another run is at work on it, or there is no room.
+    fingerprint: of all that decides on the results, by what it is of; need: [bytes] of all shards; slices: [bytes] of the
+    forcing's, which are kept if there is room for them too. It stays until `clear`. Raises UserError where another run is at work on it, or there is no room.
     """
     with contextlib.ExitStack() as stack:
         if out is None:
@@ -134,7 +141,22 @@ def opened(out: Path | None, fingerprint: Mapping[str, str], need: int) -> Itera
                 f"{folder}: the particles at all output times need {need / 2**30:.1f} GiB, and it has room for "
                 f"{(room + have) / 2**30:.1f} GiB; make room, name another folder with --out, or ask for fewer particles or outputs"
             )
+        _make_room(folder / FORCING, slices, room + have - need)
         yield work
+
+
+def _make_room(folder: Path, need: int, room: int) -> None:
+    """Make the folder of the forcing's slices, if there is room for them [bytes]; say so where there is none."""
+    have = sum(path.stat().st_size for path in folder.glob("*"))
+    if need <= room + have:
+        folder.mkdir(exist_ok=True)
+        return
+    shutil.rmtree(folder, ignore_errors=True)
+    LOG.warning(
+        "%s: no room for the forcing as it is sampled (%.1f GiB): each shard reads and regrids it anew",
+        folder.parent,
+        need / 2**30,
+    )
 
 
 def begun(out: Path | None) -> int | None:
@@ -184,6 +206,7 @@ def _empty(folder: Path) -> None:
     """Take away what a run keeps, and nothing else."""
     for path in (*folder.glob("shard-*"), folder / ABOUT):
         path.unlink(missing_ok=True)
+    shutil.rmtree(folder / FORCING, ignore_errors=True)
 
 
 def need(particles: int, outputs: int) -> int:

@@ -8,6 +8,7 @@ import socket
 from pathlib import Path
 
 from drift import start
+from drift.environment import environment
 from drift.environment.environment import Environment
 from drift.motion.scene import Scene
 from drift.shards import machine, work
@@ -50,5 +51,6 @@ def move(folder: str, unit: Unit) -> int:
             )
         where, scene = _open[key]
         kept = work.Work(Path(folder), stack)
+        environment.store(where, kept.forcing)
         kept.reel(unit.number, unit.n, lambda reel: unit.move(scene, where, None, reel))
     return unit.number
