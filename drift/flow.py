@@ -197,7 +197,8 @@ def _shards(job: Job) -> int:
 def _in_shards(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:
     """Return a job's run, moved in shards; its particles can be read as long as the stack is open."""
     with job.clock.phase("start"):
-        whole = divide.prepare(job.case, job.where, many)
+        deal = None if job.client is None else partial(cluster.begun, job.client, job.case)
+        whole = divide.prepare(job.case, job.where, many, deal)
     stack.enter_context(contextlib.closing(whole.setup.scene.forcing))
     with job.clock.phase("drift"):
         return Ended(whole.setup, stack.enter_context(shards_run.moved(job, whole)))

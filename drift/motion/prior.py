@@ -50,11 +50,16 @@ def layout(spec: EnsembleSpec) -> Layout:
     return Layout(bounds, bounds[:-1], (partials.BLOCK,) * len(spec.scenarios))
 
 
-def draw(spec: EnsembleSpec, coast: DeviceCoast | None, own: Layout | None = None) -> Prior:
-    """Return the initial ensemble of scenarios, conditioned on water; own: of a shard, by default of the whole run."""
+def draw(spec: EnsembleSpec, coast: DeviceCoast | None, own: Layout | None = None, *, still: bool = False) -> Prior:
+    """Return the initial ensemble of scenarios, conditioned on water; own: of a shard, by default of the whole run.
+
+    still: without what tells how its particles move, which takes more than half of the time, unless any steers.
+    """
     whole = layout(spec)
     own = own or whole
-    columns = (*models.columns(spec.scenarios), *((members.COLUMN,) if spec.members else ()))
+    steering = models.steering(spec.scenarios, spec.period, spec.errors)
+    still = still and not steering
+    columns = (*(() if still else models.columns(spec.scenarios)), *((members.COLUMN,) if spec.members else ()))
     ensemble = record.empty(spec.seed, own, columns)
     key = noise.key(spec.seed)
     tried: list[tuple[int, int]] = []
@@ -65,8 +70,8 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None, own: Layout | None = Non
             DRAWS[type(scenario.prior)](scenario.prior, _Draw(spec.period, ensemble, slots, key, tries, coast))
             drawn, failed = (int(x) for x in tries.to_numpy())
         tried.append((drawn, failed))
-        MODELS[scenario.model].draw(ensemble, slots, key, scenario, spec.errors)
-    steering = models.steering(spec.scenarios, spec.period, spec.errors)
+        if not still:
+            MODELS[scenario.model].draw(ensemble, slots, key, scenario, spec.errors)
     begun = np.array(tried)
     if steering:
         begun = begun + steer.draw(ensemble, steering, coast)
