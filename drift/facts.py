@@ -132,6 +132,26 @@ def with_coast(on: Setting) -> Setting:
     return replace(on, imprint=replace(imprint, footer=f"{imprint.footer}, coast {imprint.attributes['coast']}"))
 
 
+def changed(case: Case, where: Environment, before: Mapping[str, Any]) -> list[str]:
+    """Return what of a run is not as in the summary of one before, in words; empty where that is of exactly this run."""
+    of = attributes(case, where)
+    now: dict[str, Any] = {name: of[name] for name in ("case", "seed", "versions", "backend", "coast")}
+    now["forcing"] = [[source.quantity, source.name, source.fingerprint] for source in where.sources]
+    now["files"] = [input_file(path)["digest"] for path in case.inputs]
+    coast, forcing, files = (before.get(name) for name in ("coast", "forcing", "inputs"))
+    then = {
+        **before,
+        "coast": coast.get("source") if isinstance(coast, dict) else None,
+        "forcing": [[source.get(key) for key in ("quantity", "name", "fingerprint")] for source in _rows(forcing)],
+        "files": [file.get("digest") for file in _rows(files)],
+    }
+    return [f"the {name}" for name, value in now.items() if value != then.get(name)]
+
+
+def _rows(value: Any) -> list[dict[str, Any]]:
+    return [row for row in value if isinstance(row, dict)] if isinstance(value, list) else []
+
+
 def synthetic(case: Case) -> bool:
     """Whether winds or currents are made up."""
     return any(spec.analytic is not None for spec in case.sources)

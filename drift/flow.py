@@ -1,12 +1,13 @@
 """The whole flow on one page: case -> environment -> prior -> forecast and filter -> products -> files."""
 
 import contextlib
+import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, overload
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from drift.maps.imprint import Setting
 from drift.motion import scene, simulate
 from drift.motion.forcing import Sources
 from drift.motion.spool import Spool
-from drift.output import writer
+from drift.output import publication, writer
 from drift.output.chapter import Chapter, joined
 from drift.particles import life
 from drift.particles.ensemble import Ensemble
@@ -58,6 +59,40 @@ from geo.errors import UserError
 from kernels import runtime
 
 REPORT = "report.html"
+COMMAND = "command"  # in the summary: by which the results were made
+LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
+
+
+@overload
+def run(
+    case: Case,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    datasets: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    backend: str = "cpu",
+    overwrite: bool = False,
+    report: Report | None = None,
+    memory: float | None = None,
+    shards: int | None = None,
+    client: Any = None,
+    resume: Literal[False] = False,
+) -> Result: ...
+@overload
+def run(
+    case: Case,
+    out: str | os.PathLike[str],
+    *,
+    datasets: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    backend: str = "cpu",
+    overwrite: bool = False,
+    report: Report | None = None,
+    memory: float | None = None,
+    shards: int | None = None,
+    client: Any = None,
+    resume: bool,
+) -> Result | None: ...
 
 
 @in_turn
@@ -73,22 +108,48 @@ def run(
     memory: float | None = None,
     shards: int | None = None,
     client: Any = None,
-) -> Result:
+    resume: bool = False,
+) -> Result | None:
     """Forecast a case; with `out`, write the results there, complete or not at all.
 
     datasets: the xarray.Datasets that the case's sources name; they are only read, and not kept. report is told what is
     being done and how much of it is done. memory: [GiB] that it may take, by default half of what is free; a run that
     needs more is moved in shards, one after another, and with `out` one that was stopped goes on with those that are
     missing. shards: how many, whatever the memory; no number of them changes a bit of the results. client: a
-    dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it. Raises UserError for
-    all that the user can mend.
+    dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it. resume: where `out`
+    holds the results of exactly this run, do nothing and return None; where it holds another's, say what changed and
+    replace them as `overwrite` does, once the new ones are complete. Raises UserError for all that the user can mend.
     """
-    job = opened(case, Options(out, datasets, threads, backend, overwrite, report, memory, shards, client))
+    if resume and out is None:
+        raise UserError("resume = True: without out nothing is kept; give the folder of the results")
+    job = opened(case, Options(out, datasets, threads, backend, overwrite or resume, report, memory, shards, client))
+    if resume and _stands(job):
+        assert job.out is not None
+        work.clear(job.out)  # where the run was killed after its results stood
+        return None
     result = forecasted(job)
     write(result, job)
     if job.out is not None:
         work.clear(job.out)
     return result
+
+
+def _stands(job: Job) -> bool:
+    """Whether the folder holds the results of exactly this run; where it holds another's, say what changed."""
+    assert job.out is not None
+    before = publication.summary(job.out, writer.SUMMARY)
+    if before is None:
+        return False
+    changed = facts.changed(job.case, job.where, before)
+    if before.get(COMMAND) != "run":
+        changed.append("the command")
+    if changed:
+        LOG.warning(
+            "%s holds results of another run: %s changed since; they are replaced once the new ones are complete",
+            job.out,
+            " and ".join(changed),
+        )
+    return not changed
 
 
 @dataclass(frozen=True)
@@ -134,7 +195,8 @@ def _shards(job: Job) -> int:
 def _in_shards(job: Job, many: int, stack: contextlib.ExitStack, noted: Noted | None) -> Ended:
     """Return a job's run, moved in shards; its particles can be read as long as the stack is open."""
     with job.clock.phase("start"):
-        whole = divide.prepare(job.case, job.where, many)
+        deal = None if job.client is None else partial(cluster.begun, job.client, job.case)
+        whole = divide.prepare(job.case, job.where, many, deal)
     stack.enter_context(contextlib.closing(whole.setup.scene.forcing))
     with job.clock.phase("drift"):
         done = stack.enter_context(shards_run.moved(job, whole, noted))
@@ -306,7 +368,8 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
         failed = on = result.setting
         if planned is not None:
             failed = replace(on, imprint=replace(on.imprint, title=f"If this plan finds nothing: {case.title}"))
-        chapters = [facts.chapter(case, where, result.summary)]
+        # A plan's folder holds a forecast too, which is that of its failure.
+        chapters = [facts.chapter(case, where, {COMMAND: "plan" if more else "run", **result.summary})]
         chapters.append(Chapter(leaves=(partial(_surroundings, result, on),)))
         if after is not None:
             chapters.append(spill_chapter.chapter(spill_chapter.Matter(after, on)))

@@ -53,6 +53,7 @@ def parser() -> Parser:
     run = commands.add_parser("run", help="forecast a case and write maps and tables")
     _add_case(run)
     _add_results(run, "NAME-forecast")
+    _add_resume(run)
     _add_scale(run)
     _add_cluster(run)
 
@@ -159,6 +160,13 @@ def _add_scale(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--shards", type=int, metavar="N", help="cut the particles into so many shards; the result doesn't change"
     )
+
+
+def _add_resume(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--resume", action="store_true", help="do nothing where the folder holds the results of exactly this run, else make "
+        "them: go on where this run was stopped, and replace results of another one once the new ones are complete",
+    )  # fmt: skip
 
 
 def _add_cluster(command: argparse.ArgumentParser) -> None:

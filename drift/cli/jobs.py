@@ -23,7 +23,10 @@ def run(given: argparse.Namespace) -> Answer:
 
         options |= take.scale(given)
         with cluster.connected(given.workers, given.cluster) as client:
-            result = flow.run(case, out, client=client, **options)
+            result = flow.run(case, out, client=client, resume=given.resume, **options)
+    if result is None:
+        line = f"{out} holds the results of exactly this run: nothing to do"
+        return Answer(lines=(line,), numbers={"unchanged": True}, results=out)
     made = result.summary["run"]
     last = {**tables.numbers(result.forecast, result.setting.opens), **result.summary}
     told = outcome.spill(last) if case.spill else outcome.forecast(last)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -82,7 +83,10 @@ def open_for(
     box = domain.bounds(spec, asked)
     opened = {(source.quantity, source.name): _open(source, box, spec.period, held, common) for source in asked.sources}
     finished = Finished(first=True)  # the step is chosen on what the run then drifts in
-    opened = {key: source if source.shelf else source.shelved(key, finished) for key, source in opened.items()}
+    opened = {
+        key: source if source.shelf else source.shelved((*key, source.fingerprint, source.grid), finished)
+        for key, source in opened.items()
+    }
     cells = {(source.quantity, source.name): source.fill for source in asked.sources}
     added = frozenset((source.quantity, source.name) for source in asked.sources if source.add)
     opened = {key: _with_notes(source, added) for key, source in opened.items()}
@@ -117,6 +121,13 @@ def open_for(
         for source in named.of(quantity)
     }
     return Environment(box, tuple(scenarios), shown, coast, land.notes, _members(list(used.values())))
+
+
+def store(where: Environment, folder: Path | None) -> None:
+    """Have the slices of an environment's forcing made once for all processes that see a folder; None: no longer."""
+    for source in where.sources:
+        if source.shelf:
+            source.shelf.finished.store(folder)
 
 
 def _members(used: Sequence[Source]) -> tuple[str, ...]:

@@ -136,6 +136,11 @@ class Forcing:
             self.tiles.place(tile, slices.get(wanted[1]), later=True, shift=follows, member=member)
         self._held[tile] = wanted
 
+    def size(self, low: int, high: int) -> int:
+        """Return how many bytes the slices of a run from one time to another [s since 1970] take at most, once made."""
+        every = {id(s): (s, grid) for of, grid in zip(self._slices, self.tiles.grids, strict=True) for s in of}.values()
+        return sum(s.within(low, high) * 8 * grid.nlon * grid.nlat for s, grid in every)
+
     def close(self) -> None:
         """Stop reading ahead, without waiting for a server; a file is read to the end of the slice."""
         self._closed.set()

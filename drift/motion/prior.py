@@ -50,17 +50,22 @@ def layout(spec: EnsembleSpec) -> Layout:
     return Layout(bounds, bounds[:-1], (partials.BLOCK,) * len(spec.scenarios))
 
 
-def empty(spec: EnsembleSpec, own: Layout) -> Ensemble:
-    """Return an ensemble of scenarios with the columns of their models, before anything is drawn."""
-    columns = (*models.columns(spec.scenarios), *((members.COLUMN,) if spec.members else ()))
+def empty(spec: EnsembleSpec, own: Layout, *, still: bool = False) -> Ensemble:
+    """Return an ensemble of scenarios with the columns of their models, before anything is drawn; still: without these."""
+    columns = (*(() if still else models.columns(spec.scenarios)), *((members.COLUMN,) if spec.members else ()))
     return record.empty(spec.seed, own, columns)
 
 
-def draw(spec: EnsembleSpec, coast: DeviceCoast | None, own: Layout | None = None) -> Prior:
-    """Return the initial ensemble of scenarios, conditioned on water; own: of a shard, by default of the whole run."""
+def draw(spec: EnsembleSpec, coast: DeviceCoast | None, own: Layout | None = None, *, still: bool = False) -> Prior:
+    """Return the initial ensemble of scenarios, conditioned on water; own: of a shard, by default of the whole run.
+
+    still: without what tells how its particles move, which takes more than half of the time, unless any steers.
+    """
     whole = layout(spec)
     own = own or whole
-    ensemble = empty(spec, own)
+    steering = models.steering(spec.scenarios, spec.period, spec.errors)
+    still = still and not steering
+    ensemble = empty(spec, own, still=still)
     key = noise.key(spec.seed)
     tried: list[tuple[int, int]] = []
     for scenario, slots in zip(spec.scenarios, ensemble.slots, strict=True):
@@ -70,8 +75,8 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None, own: Layout | None = Non
             DRAWS[type(scenario.prior)](scenario.prior, _Draw(spec.period, ensemble, slots, key, tries, coast))
             drawn, failed = (int(x) for x in tries.to_numpy())
         tried.append((drawn, failed))
-        MODELS[scenario.model].draw(ensemble, slots, key, scenario, spec.errors)
-    steering = models.steering(spec.scenarios, spec.period, spec.errors)
+        if not still:
+            MODELS[scenario.model].draw(ensemble, slots, key, scenario, spec.errors)
     begun = np.array(tried)
     if steering:
         begun = begun + steer.draw(ensemble, steering, coast)

@@ -281,6 +281,20 @@ def _holds(path: Path, digest: str) -> bool:
     return manifest.regular(path) and manifest.digest(path) == digest
 
 
+def summary(folder: Path, name: str) -> dict[str, Any] | None:
+    """Return the object in a JSON file of the finished run that a folder holds; None where there is no such run.
+
+    Where a dead process left results half replaced, the old ones are put back first.
+    """
+    try:
+        if not any(path.name == name for path in results(folder)):
+            return None
+        held = json.loads((folder / name).read_text(encoding="utf-8"))
+    except (UserError, OSError, ValueError):
+        return None
+    return held if isinstance(held, dict) else None
+
+
 def results(folder: str | os.PathLike[str]) -> list[Path]:
     """Return the files of the finished run that a folder holds, once all are as the run wrote them.
 

@@ -7,7 +7,11 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from drift.case.record import Case
+from drift.motion.clock import Clock
+from drift.particles.ensemble import Layout
 from drift.shards import machine, worker
+from drift.shards.divide import Begun
 from drift.shards.work import Task, Work
 from geo.errors import UserError
 
@@ -61,7 +65,7 @@ def workers_of(client: Any) -> int:
     return len(client.nthreads())
 
 
-def check(client: Any, folder: Path) -> None:
+def check(client: Any, folder: Path | None = None) -> None:
     """Refuse workers of other versions or arithmetic than this process's, and those that do not see the run's folder.
 
     Threads of this process are refused too: they would wait for the kernels, which it holds, for ever.
@@ -69,7 +73,7 @@ def check(client: Any, folder: Path) -> None:
     if worker.process() in client.run(worker.process).values():
         raise UserError("the cluster's workers are threads of this process; begin it with processes=True")
     own = {**machine.versions(), "its arithmetic": machine.arithmetic()}
-    found = client.run(worker.about, str(folder))
+    found = client.run(worker.about, str(folder or ""))
     if not found:
         raise UserError("the cluster has no workers; start some")
     for address, other in sorted(found.items()):
@@ -92,18 +96,32 @@ def moved(client: Any, kept: Work, units: Sequence[Task], tell: Callable[[float]
     """
     if not units:
         return
-    distributed = _dask()
     check(client, kept.folder)
     tasks = [client.submit(worker.move, str(kept.folder), unit, pure=False, retries=0) for unit in units]
+    for done, _ in enumerate(_each(client, tasks, lambda: f"{kept.folder}: {kept.kept}"), 1):
+        tell(done)
+
+
+def begun(client: Any, case: Case, clock: Clock, layouts: Sequence[Layout]) -> list[Begun]:
+    """Have the workers say how the places of shards were drawn, and what of them lacks forcing as the run begins."""
+    check(client)
+    tasks = [client.submit(worker.begun, case, clock, layout, pure=False, retries=0) for layout in layouts]
+    found = {task.key: task.result() for task in _each(client, tasks, lambda: "nothing is kept yet")}
+    return [found[task.key] for task in tasks]
+
+
+def _each(client: Any, tasks: Sequence[Any], kept: Callable[[], str]) -> Iterator[Any]:
+    """Yield tasks as they are done; kept: what is kept of the run where the cluster is lost, in words."""
+    distributed = _dask()
     try:
-        for done, task in enumerate(distributed.as_completed(tasks, loop=client.loop), 1):
+        for task in distributed.as_completed(tasks, loop=client.loop):
             if task.status == "error":
                 raise task.exception()
             if task.status != "finished":
-                raise UserError(f"the cluster is lost (a shard is {task.status}); {kept.folder}: {kept.kept}")
-            tell(done)
+                raise UserError(f"the cluster is lost (a shard is {task.status}); {kept()}")
+            yield task
     except distributed.KilledWorker as error:
-        raise UserError(f"worker after worker died of a shard ({_line(error)}); {kept.folder}: {kept.kept}") from error
+        raise UserError(f"worker after worker died of a shard ({_line(error)}); {kept()}") from error
     finally:
         with contextlib.suppress(Exception):  # of a scheduler that is gone
             client.cancel(tasks)

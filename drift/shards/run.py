@@ -10,6 +10,7 @@ import numpy as np
 
 from drift import start
 from drift.job import Job, Report
+from drift.motion import prior
 from drift.motion.spool import Reel, Spool
 from drift.particles.ensemble import Layout
 from drift.particles.weights import Weighed
@@ -53,8 +54,11 @@ class _Way:
 def moved(job: Job, run: Divided, noted: Noted | None) -> Iterator[Moved]:
     """Give what the particles of a run were like at all output times, and what was told on the way."""
     case, job = job.case, replace(job, tell=_rising(job.tell))
-    need = work.need(case, run.layout.bounds[-1])
-    with work.opened(job.out, fingerprint.of(job, run.many), need) as kept:
+    need, slices = work.need(case, run.layout.bounds[-1]), work.slices(case, run.setup.scene)
+    with (
+        work.opened(job.out, fingerprint.of(job, run.many), need, slices) as kept,
+        work.stored(job.where, kept),
+    ):
         try:
             way, told = _all(job, run, kept, noted)
         except Gone as gone:
@@ -175,7 +179,8 @@ def _go_on(job: Job, run: Divided, kept: Work, way: _Way, units: Sequence[Unit],
 def _drawn_anew(job: Job, run: Divided, kept: Work, way: _Way, told: Told, since: From) -> From:
     """Draw all particles anew at the end of a stretch if too few of them count; return where the next goes on."""
     name, layout = f"drawn-{way.number:03}", way.layout
-    redrawing = Redrawing(job.case.seed, job.case.resampling, run.target)
+    target = prior.counts_of(run.setup.spec)
+    redrawing = Redrawing(job.case.seed, job.case.resampling, target)
 
     def fill(reel: Reel) -> None:
         states = [kept.read(name) for name, _, _ in since.states]
@@ -193,7 +198,7 @@ def _drawn_anew(job: Job, run: Divided, kept: Work, way: _Way, told: Told, since
         return since
     bounds = tuple(reel.noted("bounds").tolist())
     way.layout = layout if bounds == layout.bounds else Layout(bounds, bounds[:-1], layout.block)
-    told.account.drawn_anew(reel.noted("log_weight"), reel.noted("lineage"), way.layout, sum(run.target))
+    told.account.drawn_anew(reel.noted("log_weight"), reel.noted("lineage"), way.layout, sum(target))
     return replace(since, drawn=name)
 
 

@@ -138,7 +138,11 @@ class Rounds:
 def opened(job: Job, run: Shards) -> Iterator[Rounds]:
     """Give what moves the rounds of a spill."""
     need = work.need(job.case, job.case.particles) + BYTES_STAY * job.case.particles
-    with work.opened(job.out, fingerprint.of(job, len(run.spans)), need) as kept:
+    slices = work.slices(job.case, run.setup.scene)
+    with (
+        work.opened(job.out, fingerprint.of(job, len(run.spans)), need, slices) as kept,
+        work.stored(job.where, kept),
+    ):
         yield Rounds(job, run, kept)
 
 

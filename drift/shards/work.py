@@ -21,12 +21,14 @@ from typing import Any, Protocol
 import numpy as np
 
 from drift.case.record import Case
+from drift.environment import environment
 from drift.environment.environment import Environment
 from drift.motion import simulate
 from drift.motion.scene import Scene
 from drift.motion.spool import BYTES, BYTES_END, NoRoom, Noted, Reel, Taken
 from drift.output import hidden
 from drift.particles.ensemble import Layout
+from geo import notation
 from geo.errors import UserError
 
 SUFFIX = ".unfinished"
@@ -34,6 +36,7 @@ ABOUT = "about.json"
 NUMBER = "the number of shards"  # in the fingerprint
 INDICES = "shard-*.json"
 KINDS_OF_FILES = ("shard", "state", "drawn")  # of stretches, of where they ended, of who was drawn anew there
+FORCING = "forcing"  # folder of slices, which all shards sample and one makes
 CHUNK = 2**24
 NOTED = 80  # [bytes] a particle and update, about: weights, and the quantities of which posteriors are told
 STATE = 200  # [bytes] a particle, about
@@ -137,7 +140,7 @@ class Work:
         return f"{many:,} shards are finished and kept there: the same command goes on from them"
 
     def begin_anew(self) -> None:
-        """Take away all that is finished."""
+        """Take away all that is finished of what moves."""
         for kind in KINDS_OF_FILES:
             for path in self.folder.glob(f"{kind}-*"):
                 path.unlink()
@@ -145,6 +148,7 @@ class Work:
     def drop(self) -> None:
         """Take away all that is kept: nothing can come of it."""
         self.begin_anew()
+        shutil.rmtree(self.folder / FORCING, ignore_errors=True)
         (self.folder / ABOUT).unlink(missing_ok=True)
 
     def finished(self, name: str, of: str = "") -> bool:
@@ -178,17 +182,23 @@ class Work:
         LOG.warning("%s of the run before %s: it is done again", name, why)
         return None
 
+    @property
+    def forcing(self) -> Path | None:
+        """The folder of the forcing's slices; None: there is no room for them."""
+        folder = self.folder / FORCING
+        return folder if folder.is_dir() else None
+
 
 class Gone(Exception):
     """A file from which a shard was to go on is not there any more."""
 
 
 @contextlib.contextmanager
-def opened(out: Path | None, fingerprint: Mapping[str, str], need: int) -> Iterator[Work]:
+def opened(out: Path | None, fingerprint: Mapping[str, str], need: int, slices: int = 0) -> Iterator[Work]:
     """Give the work of a run that writes to `out`, as far as it is finished; None: it is not kept.
 
-    fingerprint: of all that decides on the results, by what it is of; need: [bytes] of all shards. It stays until
-    `clear`. Raises UserError where another run is at work on it, or there is no room.
+    fingerprint: of all that decides on the results, by what it is of; need: [bytes] of all shards; slices: [bytes] of the
+    forcing's, which are kept if there is room for them too. It stays until `clear`. Raises UserError where another run is at work on it, or there is no room.
     """
     with contextlib.ExitStack() as stack:
         if out is None:
@@ -214,7 +224,22 @@ def opened(out: Path | None, fingerprint: Mapping[str, str], need: int) -> Itera
                 f"{folder}: the particles at all output times need {need / 2**30:.1f} GiB, and it has room for "
                 f"{(room + have) / 2**30:.1f} GiB; make room, name another folder with --out, or ask for fewer particles or outputs"
             )
+        _make_room(folder / FORCING, slices, room + have - need)
         yield work
+
+
+def _make_room(folder: Path, need: int, room: int) -> None:
+    """Make the folder of the forcing's slices, if there is room for them [bytes]; say so where there is none."""
+    have = sum(path.stat().st_size for path in folder.glob("*"))
+    if need <= room + have:
+        folder.mkdir(exist_ok=True)
+        return
+    shutil.rmtree(folder, ignore_errors=True)
+    LOG.warning(
+        "%s: no room for the forcing as it is sampled (%.1f GiB): each shard reads and regrids it anew",
+        folder.parent,
+        need / 2**30,
+    )
 
 
 def begun(out: Path | None) -> int | None:
@@ -256,8 +281,23 @@ def _take_up(work: Work, fingerprint: Mapping[str, str]) -> None:
     if isinstance(before, dict):
         changed = [name for name in {**before, **fingerprint} if before.get(name) != fingerprint.get(name)]
         LOG.warning("an unfinished run is there, but %s changed since: it begins anew", " and ".join(changed))
-    work.begin_anew()
+    work.drop()
     _replace(about, json.dumps(dict(fingerprint)))
+
+
+@contextlib.contextmanager
+def stored(where: Environment, work: Work) -> Iterator[None]:
+    """Have what this process reads of the forcing stored with the shards meanwhile."""
+    environment.store(where, work.forcing)
+    try:
+        yield
+    finally:
+        environment.store(where, None)
+
+
+def slices(case: Case, scene: Scene) -> int:
+    """Return how many bytes the slices of a run's forcing take."""
+    return scene.forcing.size(*notation.epochs(np.array(case.period.span)).tolist())
 
 
 def need(case: Case, particles: int) -> int:

@@ -3,13 +3,16 @@
 Of a variable they are kept as they are read, of a source as they are sampled.
 """
 
+import functools
 import threading
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from geo.array import Array
+from geo.forcing.stored import Stored
 from geo.grids.layout import Index
 
 # [bytes] of one component, and of all finished slices.
@@ -54,6 +57,7 @@ class Finished:
 
     def __init__(self, first: bool = False) -> None:
         self._first = first
+        self._stored: Stored | None = None
         self._slices: dict[Hashable, Array] = {}
         self._size = 0  # [bytes]
         self._guard = threading.Lock()
@@ -66,8 +70,22 @@ class Finished:
                 self._slices[key] = values
             return values
 
-    def keep(self, key: Hashable, values: Array) -> None:
-        """Keep a slice, which must not be changed from now on."""
+    def made(self, key: Hashable, make: Callable[[], Array]) -> Array:
+        """Return a slice that is not there, made now, or read from where they are stored; it must not be changed."""
+        values = make() if self._stored is None else self._stored.get(key, make)
+        self._keep(key, values)
+        return values
+
+    def store(self, folder: Path | None) -> None:
+        """Store slices in a folder from now on, those that are there too; None: no longer."""
+        if folder == (self._stored and self._stored.folder):
+            return
+        self._stored, held = None if folder is None else Stored(folder), self._slices
+        self._slices, self._size = {}, 0
+        for key, values in held.items() if self._stored else ():
+            self.made(key, functools.partial(np.asarray, values))
+
+    def _keep(self, key: Hashable, values: Array) -> None:
         with self._guard:
             if self._first and self._size + values.nbytes > MOST:
                 return
@@ -88,9 +106,9 @@ class Shelf:
         """Return a slice of this part; None where it is not there."""
         return self.finished.find((self.part, *key))
 
-    def keep(self, values: Array, *key: Hashable) -> None:
-        """Keep a slice of this part."""
-        self.finished.keep((self.part, *key), values)
+    def made(self, make: Callable[[], Array], *key: Hashable) -> Array:
+        """Return a slice of this part that is not there, made now or read from where they are stored."""
+        return self.finished.made((self.part, *key), make)
 
 
 def _places(index: Index) -> Index:

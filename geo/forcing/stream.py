@@ -7,6 +7,7 @@ partly before the first or after the last node, that node's values hold for the 
 
 from bisect import bisect_left, bisect_right
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -112,11 +113,18 @@ class Slices:
             self._reading[index] = self._pool.submit(self._read, index)
         return self._reading[index]
 
+    def within(self, low: int, high: int) -> int:
+        """Return how many slices a run from one time to another [s since 1970] asks for at most."""
+        first, last = np.searchsorted(self.seconds, (low, high))
+        return max(min(int(last - first) + 3, self.seconds.size), 1)  # one before, at the end, and ahead
+
     def _read(self, index: int) -> Array:
+        shelf = self.source.shelf
+        return self._made(index) if shelf is None else shelf.made(partial(self._made, index), self.cells, index)
+
+    def _made(self, index: int) -> Array:
         values, grid = self.source.read(index), self.source.grid
         if self.cells:
             bands, inside = filling.bands(grid), self.source.domain
             values = filling.fill(values, self.cells, grid.seamless, reach=filling.REACH, bands=bands, within=inside)
-        if self.source.shelf is not None:
-            self.source.shelf.keep(values, self.cells, index)
         return values

@@ -5,7 +5,7 @@ carried over by the weights of `regrid.py`, each component from its own points (
 averaging first), and what that costs is measured on the first slice.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -67,7 +67,8 @@ def make(components: tuple[Component, Component], layouts: tuple[Layout, Layout]
     if grid is None:
         grid, coarser = target.choose(layouts, box)
         sign = 1.0 if axes == "true" else -1.0  # a grid's own axes turn round at the fold of a tripolar grid
-        matrices = (regrid.weights(first, grid, sign), regrid.weights(second, grid, sign))
+        weights = regrid.weights(first, grid, sign)
+        matrices = (weights, weights if _same(first, second) else regrid.weights(second, grid, sign))
         kind = {Axes: "rectilinear", Plane: "projected", Curved: "curvilinear", Triangles: "triangular"}[type(first)]
         notes.append(
             f"{kind} grid carried to a regular one of {grid.nlon} x {grid.nlat} nodes, "
@@ -95,6 +96,14 @@ def domain(tile: Tile) -> NDArray[np.bool_] | None:
     held = [m.getnnz(axis=1) > 0 for m in tile.matrices]
     inside = (held[0] & held[1]).reshape(tile.grid.nlat, -1)
     return np.concatenate([inside, inside[:, :1]], axis=1) if tile.grid.seamless else inside
+
+
+def _same(first: Layout, second: Layout) -> bool:
+    """Whether two layouts are the same in every bit; a projection may be so and not be found to be."""
+    if type(first) is not type(second):
+        return False
+    pairs = ((getattr(first, field.name), getattr(second, field.name)) for field in fields(first))
+    return all(a is b or (isinstance(a, np.ndarray | int | float) and np.array_equal(a, b)) for a, b in pairs)
 
 
 def _together(first: Layout, second: Layout) -> bool:

@@ -9,7 +9,7 @@ import shapely
 import xarray as xr
 
 from drift.forecast import build as forecast_build
-from drift.forecast import cloud, density, shares
+from drift.forecast import cloud, density, shares, survey
 from drift.particles import partials
 from drift.particles.snapshot import Snapshot
 from drift.particles.status import Status
@@ -435,6 +435,21 @@ def test_same_bits_for_particles_in_any_parts(cuts):
     order = rng.permutation(len(cuts) + 1).tolist()
     whole = forecast_build.build([one], scenarios=["a", "b"]).data
     assert whole.identical(forecast_build.build([InParts(one, cuts, order)], scenarios=["a", "b"]).data)
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2], [2, 1, 0], [1, 2, 0]])
+def test_the_heaviest_and_the_lightest_of_all_parts_count(order):
+    """Maps tell by them whether all weigh alike, and squares of weights are summed in units of the heaviest."""
+    rng = np.random.default_rng(14)
+    n = 3 * partials.BLOCK
+    weight = np.repeat([5.0, 2.0, 3.0], partials.BLOCK)
+    status = np.full(n, Status.ADRIFT)
+    weight[7], status[7] = 9.0, Status.SUNK  # off the map
+    one = snapshot(*normal(n, rng), weight=weight, status=status)
+    one = dataclasses.replace(one, cut=partials.cut((0, n), (0,), (partials.BLOCK,)))
+    found = survey.of(InParts(one, [1, 2], order), 1)
+    share = one.probability[status == Status.ADRIFT]
+    assert (found.lightest, found.heaviest) == (share.min(), share.max())
 
 
 def test_nothing_on_the_map():

@@ -15,10 +15,32 @@ import dask
 import distributed
 import pytest
 import shards as runs
+import writers
 
 import drift
 from drift import flow
-from drift.shards import cluster, machine, work
+from drift.shards import cluster, divide, machine, unit, work
+
+FEW_WATERS = """
+start = "2024-03-05T00:10Z"
+duration = "5 h"
+particles = 30000
+coast.source = "none"
+[[current]]
+files = "current.nc"
+[[wind]]
+constant = { speed = "9 m/s", from = 250 }
+[[scenario]]
+name = "in it"
+weight = 0.2
+object = "LIFE-RAFT-DB-10"
+position = { at = [4.0, 59.0], error = "20 km", time = "+0 h" }
+[[scenario]]
+name = "north of it"
+weight = 0.8
+object = "LIFE-RAFT-DB-10"
+position = { at = [4.0, 61.5], error = "20 km", time = "+0 h" }
+"""
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +77,31 @@ def test_two_workers_make_the_same(case: drift.Case, made: drift.Result, client:
     assert shares == sorted(shares)
     assert shares[0] < 0.5
     assert shares[-1] == 1.0
+
+
+def test_workers_see_whether_there_is_forcing_as_the_run_begins(
+    case: drift.Case, made: drift.Result, client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not the process that waits for them; what they refuse is refused in the same words, before anything is moved."""
+    monkeypatch.setattr(divide, "begun", lambda *given: pytest.fail("the one process draws"))
+    runs.same(drift.run(case, tmp_path / "out", client=client, shards=5), made)
+    monkeypatch.undo()
+    monkeypatch.setattr(cluster, "moved", lambda *given: pytest.fail("it moves"))
+    monkeypatch.setattr(unit.Unit, "move", lambda *given: pytest.fail("it moves"))
+    writers.regular(tmp_path / "current.nc")
+    for text in (  # all on land, and more than half where there is no current
+        runs.CASE.replace("at = [-0.02, 0.05]", "at = [0.3, 0.05]"),
+        FEW_WATERS,
+    ):
+        (tmp_path / "land.geojson").write_text(runs.SHORE)
+        (tmp_path / "case.toml").write_text(text)
+        own = drift.load(tmp_path / "case.toml")
+        with pytest.raises(drift.UserError) as alone:
+            drift.run(own, tmp_path / "refused", shards=5)
+        with pytest.raises(drift.UserError) as dealt:
+            drift.run(own, tmp_path / "refused", client=client, shards=5)
+        assert str(dealt.value) == str(alone.value)
+        assert not list(tmp_path.glob(".refused*"))
 
 
 def test_a_worker_that_is_killed_costs_its_shards_only(

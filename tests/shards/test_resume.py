@@ -12,10 +12,12 @@ import same_files
 import shards as runs
 
 import drift
-from drift import flow
+from drift import flow, start
 from drift.cli import commands
-from drift.motion import spool
+from drift.motion import prior, spool
 from drift.shards import divide, machine, unit, work
+from kernels import coast as coasts
+from kernels import runtime
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +69,20 @@ def stopping(at: float) -> Callable[[str, float], None]:
 @pytest.mark.parametrize("many", [2, 9])
 def test_no_number_of_shards_changes_a_bit(case: drift.Case, made: drift.Result, many: int) -> None:
     runs.same(drift.run(case, shards=many), made)
+
+
+@pytest.mark.parametrize("members", [False, True])
+def test_where_and_when_particles_begin_is_drawn_alike_without_how_they_move(tmp_path: Path, members: bool) -> None:
+    case = runs.case(tmp_path, members=members)
+    runtime.start()
+    where = start.open_for(case)
+    spec, coast = start.spec_of(case, where), coasts.upload(where.coast)
+    own = prior.layout(spec).shards(4)[1]
+    whole, still = (prior.draw(spec, coast, own, still=still) for still in (False, True))
+    assert np.array_equal(whole.tried, still.tried)
+    assert {*still.ensemble.columns} < {*whole.ensemble.columns}
+    for name, column in still.ensemble.columns.items():
+        assert np.array_equal(column.to_numpy(), whole.ensemble.columns[name].to_numpy()), name
 
 
 def test_members_are_dealt_out_alike_to_shards(tmp_path: Path) -> None:

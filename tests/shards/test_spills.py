@@ -403,11 +403,3 @@ def test_memory_that_the_finds_need_is_told(case: drift.Case) -> None:
     with pytest.raises(drift.UserError, match=r"particles are weighed together, which takes 2\.3 "):
         divide.number(many, 2.2, None)
     assert divide.number(many, 2.4, None) >= 7
-
-
-def test_the_plan_of_a_search_is_in_one_piece(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What is asked for is not passed over in silence."""
-    search = runs.case(tmp_path)
-    for option, value in (("--shards", "2"), ("--memory", "4 GB"), ("--workers", "2")):
-        assert commands.main(["plan", str(search.path), "--out", str(tmp_path / "out"), option, value]) == 2
-        assert "a search is planned in one piece" in capsys.readouterr().err

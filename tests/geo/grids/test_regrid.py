@@ -15,7 +15,7 @@ from geo.box import Box
 from geo.files import reference_system
 from geo.forcing import sources
 from geo.forcing.sources import Source
-from geo.grids import layout, rotation
+from geo.grids import layout, regrid, rotation
 from geo.grids.grid import sample
 
 KINDS: dict[str, Callable[[Path], Any]] = {
@@ -257,3 +257,14 @@ def test_a_reference_system_is_that_of_pyproj(earth: dict[str, float]) -> None:
     mapping = {"grid_mapping_name": "rotated_latitude_longitude"} | pole | earth
     for more in ({}, {"longitude_of_prime_meridian": 2.5}):
         assert reference_system.of(mapping | more).to_json() == pyproj.CRS.from_cf(mapping | more).to_json()
+
+
+@pytest.mark.parametrize(("kind", "times"), [("curved, true components", 1), ("ROMS, own points, angle in degrees", 2)])
+def test_points_that_both_components_share_are_weighed_once(
+    kind: str, times: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[Any] = []
+    weights = regrid.weights
+    monkeypatch.setattr(regrid, "weights", lambda *given: (made.append(given[0]), weights(*given))[1])
+    sources.open_source("current", KINDS[kind](tmp_path))
+    assert len(made) == times

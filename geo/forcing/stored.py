@@ -1,0 +1,114 @@
+"""Slices that stay on disk, made once for all processes that see a folder: sampled by many, read and regridded by one.
+
+Each is a file, moved to its name once it is whole, that ends with its size and a digest of its bytes: one that was cut
+short or altered is found when a process first opens it, and made again. A file is mapped into memory: what processes of
+one machine read of it they share.
+"""
+
+import contextlib
+import hashlib
+import os
+import struct
+import time
+import uuid
+from collections.abc import Callable, Hashable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from geo import waiting
+from geo.array import Array
+
+try:
+    import fcntl
+except ImportError:  # Windows: two processes may make the same slice, of the same bits
+    fcntl = None  # type: ignore[assignment]
+
+DIGEST = 16  # [bytes]
+SHAPE = struct.Struct("<3q")
+SUFFIX = ".slice"
+POLL = 0.02  # [s]
+
+
+class Stored:
+    """Finished slices in a folder, float32 (nlat, nlon, 2)."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._sound: set[str] = set()  # what this process has held against its digest
+
+    def get(self, key: Hashable, make: Callable[[], Array]) -> Array:
+        """Return the slice of a key, made now if no process has made it; of several that want it one makes it."""
+        name = hashlib.sha256(repr(key).encode()).hexdigest()[:32]
+        found = self._read(name)
+        if found is not None:
+            return found
+        with _alone(self.folder / f"{name}.lock"):
+            found = self._read(name)
+            if found is not None:
+                return found
+            values = make()
+            self._write(name, values)
+        return values
+
+    def _read(self, name: str) -> Array | None:
+        """Return a slice; None where it is not there, or not as it was written."""
+        try:
+            # Writes stay in memory: a device may copy an argument back.
+            held = np.memmap(self.folder / f"{name}{SUFFIX}", np.uint8, "c")
+            body, shape, digest = np.split(held, (-DIGEST - SHAPE.size, -DIGEST))
+            if name not in self._sound and _digest(name, body, shape.tobytes()) != digest.tobytes():
+                return None
+            values = np.asarray(body).view(np.float32).reshape(SHAPE.unpack(shape.tobytes()))
+        except (OSError, ValueError, struct.error):  # it is not there, it is empty, it is too short
+            return None
+        self._sound.add(name)
+        return values
+
+    def _write(self, name: str, values: Array) -> None:
+        """Keep a slice, if the disk takes it."""
+        new = self.folder / f"{name}-{uuid.uuid4().hex}.new"
+        body, shape = np.ascontiguousarray(values, np.float32).reshape(-1).view(np.uint8), SHAPE.pack(*values.shape)
+        try:
+            with new.open("wb") as stream:
+                stream.write(body.data)
+                stream.write(shape + _digest(name, body, shape))
+            os.replace(new, self.folder / f"{name}{SUFFIX}")
+        except OSError:
+            with contextlib.suppress(OSError):
+                new.unlink(missing_ok=True)
+
+
+def _digest(name: str, body: Array, shape: bytes) -> bytes:
+    total = hashlib.blake2b(name.encode(), digest_size=DIGEST)
+    total.update(body.data)
+    total.update(shape)
+    return total.digest()
+
+
+@contextlib.contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Hold a file's lock, which goes with the process that holds it; where there are no locks, go on without."""
+    lock = None
+    try:
+        with contextlib.suppress(OSError):
+            lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        while lock is not None and not _locked(lock):
+            waiting.heed()
+            time.sleep(POLL)
+        yield
+    finally:
+        if lock is not None:
+            os.close(lock)
+
+
+def _locked(lock: int) -> bool:
+    """Lock an open file at once; False where another process has it."""
+    try:
+        if fcntl is not None:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass  # a file system without locks
+    return True
