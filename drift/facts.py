@@ -6,6 +6,7 @@ from functools import partial
 from importlib import metadata
 from typing import Any
 
+from drift.case import said
 from drift.case.record import Case
 from drift.environment import coastline
 from drift.environment.environment import Environment
@@ -137,10 +138,12 @@ def changed(case: Case, where: Environment, before: Mapping[str, Any]) -> list[s
     of = attributes(case, where)
     now: dict[str, Any] = {name: of[name] for name in ("case", "seed", "versions", "backend", "coast")}
     now["forcing"] = [[source.quantity, source.name, source.fingerprint] for source in where.sources]
+    now["case"] = [of["case"], said.digest(case)]  # changed in Python it may have the text of another
     now["files"] = [input_file(path)["digest"] for path in case.inputs]
     coast, forcing, files = (before.get(name) for name in ("coast", "forcing", "inputs"))
     then = {
         **before,
+        "case": [before.get("case"), run.get("case_digest") if isinstance(run := before.get("run"), dict) else None],
         "coast": coast.get("source") if isinstance(coast, dict) else None,
         "forcing": [[source.get(key) for key in ("quantity", "name", "fingerprint")] for source in _rows(forcing)],
         "files": [file.get("digest") for file in _rows(files)],
@@ -240,6 +243,7 @@ def numbers(
             "end": str(case.end),
             "particles": case.particles,
             "seed": case.seed,
+            "case_digest": said.digest(case),
             "step_s": setup.clock.step,
             "step_errors_m_per_day": {str(k): v for k, v in setup.trial.errors.items()} if setup.trial else None,
             "scheme": case.scheme,

@@ -1,6 +1,7 @@
 """A search in shards tells and writes what it does in one piece, also where its particles have to meet on the way."""
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import shards as runs
 
 import drift
 from drift import flow
+from drift.case import said
 from drift.shards import unit, work
 
 # Two ways that steer and one that drifts, of blocks of its own each; every kind of sensor; contacts that are certain,
@@ -228,18 +230,18 @@ class Killed(Exception):
 def test_a_search_that_was_killed_goes_on(after: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Killed as its files come to stand, one more of them at a time: the same comes of it."""
     case = load(tmp_path, STEERED.replace("below = 0\n", "below = 0.6\n"))
-    whole, out, replace, stood = drift.run(case), tmp_path / "out", work._replace, []
+    whole, out, put, stood = drift.run(case), tmp_path / "out", work._replace, []
 
     def killed(path: Path, text: str) -> None:
         if path.name != work.ABOUT and len(stood) == after:
             raise Killed
         stood.append(path.name)
-        replace(path, text)
+        put(path, text)
 
     monkeypatch.setattr(work, "_replace", killed)
     with pytest.raises(Killed):
         drift.run(case, out, shards=3)
-    monkeypatch.setattr(work, "_replace", replace)
+    monkeypatch.setattr(work, "_replace", put)
     same(whole, drift.run(case, out, shards=3))
 
 
@@ -276,3 +278,37 @@ def test_a_search_that_contradicts_all_keeps_nothing(tmp_path: Path) -> None:
         drift.run(case, out, shards=4)
     assert str(cut.value) == str(whole.value)
     assert not list((tmp_path / f".out{work.SUFFIX}").glob("*.bin"))
+
+
+UNIT = """
+[plan]
+begin = "+4.5 h"
+until = "+5 h"
+particles = 2000
+[[unit]]
+name = "helicopter"
+kind = "Helicopter"
+base = [-0.4, 0.3]
+search_speed = "90 kn"
+endurance = "0.4 h"
+daylight = false
+sweep_width = "0.5 nmi"
+"""
+
+
+def test_a_plan_is_scored_in_shards_as_in_one_piece(tmp_path: Path) -> None:
+    case = load(tmp_path, runs.CASE + runs.SEARCHED + UNIT)
+    plan, whole = drift.plan(case)
+    again, cut = drift.plan(case, tmp_path / "out", shards=4)
+    assert told(plan) == told(again)
+    same(whole, cut)
+    assert not (tmp_path / f".out{work.SUFFIX}").exists()
+
+
+def test_a_case_changed_in_python_is_another(tmp_path: Path) -> None:
+    """Its text is that of the file: what is kept of the file's run is none of its own."""
+    case = runs.searched(tmp_path)
+    fewer = replace(case, sorties=case.sorties[1:])
+    assert fewer.text == case.text
+    assert said.digest(fewer) != said.digest(case)
+    assert said.digest(drift.load(case.path)) == said.digest(case)

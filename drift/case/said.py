@@ -1,0 +1,33 @@
+"""The digest of all that a case says, however it was made: by a file, by a plan, in Python."""
+
+import dataclasses
+import hashlib
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from drift.case.record import Case
+
+NAMES = ("path", "inputs", "tables")  # where its files lie changes no result; tables are what the rest was made of
+
+
+def digest(case: Case) -> str:
+    """Return the digest of all that a case says."""
+    all_of_it = {field.name: getattr(case, field.name) for field in dataclasses.fields(case) if field.name not in NAMES}
+    return hashlib.sha256(_words(all_of_it).encode()).hexdigest()
+
+
+def _words(value: Any) -> str:
+    """Return a value in words that say all of it, to the last bit."""
+    if dataclasses.is_dataclass(value):
+        return f"{type(value).__name__}{_words({f.name: getattr(value, f.name) for f in dataclasses.fields(value)})}"
+    if isinstance(value, dict):
+        return "{" + ",".join(f"{key}:{_words(part)}" for key, part in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ",".join(_words(part) for part in value) + "]"
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype.str}{value.shape}{value.tobytes().hex()}"
+    if isinstance(value, float | np.floating):
+        return float(value).hex()
+    return value.name if isinstance(value, PurePath) else repr(value)
