@@ -136,14 +136,19 @@ def test_without_room_for_them_shards_read_for_themselves(
 
 
 def test_another_forcing_takes_nothing_over(case: drift.Case, tmp_path: Path) -> None:
-    """The file is replaced by one of the same name."""
+    """The file is replaced by one of the same name: its slices go, and make room."""
     out = tmp_path / "out"
     writers.projected(tmp_path / "current.nc")
     (tmp_path / "case.toml").write_text(CASE)
     own = drift.load(tmp_path / "case.toml")
     with pytest.raises(Stopped):
         drift.run(own, out, shards=4, report=half)
+    before = {*slices_of(out)}
     writers.curved_true(tmp_path / "current.nc")
+    with pytest.raises(Stopped):
+        drift.run(own, out, shards=4, report=half)
+    assert before
+    assert not before & {path for path in slices_of(out) if path.stat().st_size > 1000}  # the wind is the same
     runs.same(drift.run(own, out, shards=4), drift.run(own))
 
 
