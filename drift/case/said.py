@@ -13,21 +13,24 @@ NAMES = ("path", "inputs", "tables")  # where its files lie changes no result; t
 
 
 def digest(case: Case) -> str:
-    """Return the digest of all that a case says."""
+    """Return the digest of all that a case says; its files count by their names, wherever they lie."""
     all_of_it = {field.name: getattr(case, field.name) for field in dataclasses.fields(case) if field.name not in NAMES}
-    return hashlib.sha256(_words(all_of_it).encode()).hexdigest()
+    return hashlib.sha256(_words(all_of_it, frozenset(case.inputs)).encode()).hexdigest()
 
 
-def _words(value: Any) -> str:
+def _words(value: Any, paths: frozenset[str]) -> str:
     """Return a value in words that say all of it, to the last bit."""
     if dataclasses.is_dataclass(value):
-        return f"{type(value).__name__}{_words({f.name: getattr(value, f.name) for f in dataclasses.fields(value)})}"
+        fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        return f"{type(value).__name__}{_words(fields, paths)}"
     if isinstance(value, dict):
-        return "{" + ",".join(f"{key}:{_words(part)}" for key, part in value.items()) + "}"
+        return "{" + ",".join(f"{key}:{_words(part, paths)}" for key, part in value.items()) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ",".join(_words(part) for part in value) + "]"
+        return "[" + ",".join(_words(part, paths) for part in value) + "]"
     if isinstance(value, np.ndarray):
         return f"{value.dtype.str}{value.shape}{value.tobytes().hex()}"
     if isinstance(value, float | np.floating):
         return float(value).hex()
-    return value.name if isinstance(value, PurePath) else repr(value)
+    if isinstance(value, PurePath) or (isinstance(value, str) and value in paths):
+        return PurePath(value).name
+    return repr(value)

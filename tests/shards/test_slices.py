@@ -123,7 +123,7 @@ def test_without_room_for_them_shards_read_for_themselves(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     out = tmp_path / "out"
-    room = work.need(20_000, 4)
+    room = work.need(case, 20_000)
     monkeypatch.setattr(work.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": room})())
     with caplog.at_level(logging.WARNING, "drift"), pytest.raises(Stopped):
         drift.run(case, out, shards=4, report=half)

@@ -182,8 +182,8 @@ def stopped(case: drift.Case, out: Path, many: int, at: float, what: str = "drif
 def moved(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Return the numbers of the shards that are moved from now on."""
     numbers: list[int] = []
-    move = spilled.Unit.move
-    monkeypatch.setattr(spilled.Unit, "move", lambda *given: (numbers.append(given[0].number), move(*given)))
+    fill = spilled.Unit._fill
+    monkeypatch.setattr(spilled.Unit, "_fill", lambda *given: (numbers.append(given[0].number), fill(*given)))
     return numbers
 
 
@@ -284,7 +284,7 @@ def test_an_altered_file_of_a_round_is_made_again(
     moved.clear()
     same(drift.run(case, out), made)
     assert moved == [number]
-    assert f"shard {number} of the run before has been altered" in caplog.text
+    assert f"shard-{number:05} of the run before has been altered" in caplog.text
 
 
 def elsewhere(case: drift.Case, out: Path, many: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -315,7 +315,7 @@ def test_a_round_of_other_worlds_is_not_used(
     moved.clear()
     same(drift.run(case, out), made)
     assert moved == [3, 4, 5]
-    assert "shard 3 of the run before is of other worlds: it is done again" in caplog.text
+    assert "shard-00003 of the run before is of other worlds: it is done again" in caplog.text
 
 
 @pytest.fixture(scope="module")
