@@ -5,7 +5,7 @@ contiguous, so that a scenario is a range of slots.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -104,7 +104,7 @@ class Layout:
 class Ensemble:
     """All particles: CORE as fields of shape (n,), then the columns of the models by which they move, by name.
 
-    What columns hold changes in place, and `lay` gives slots to other scenarios; nothing else of it changes.
+    What columns hold changes in place, and the layout where particles are drawn anew; nothing else of it changes.
     """
 
     seed: int
@@ -189,18 +189,14 @@ def owners(bounds: tuple[int, ...]) -> Array:
     return np.repeat(np.arange(len(bounds) - 1, dtype=np.int32), np.diff(bounds))
 
 
-def inherit(ensemble: Ensemble, ancestors: Array) -> None:
-    """Give every slot what its ancestor has, in all columns, in place; ancestors: slots, (n,)."""
-    for column in ensemble.columns.values():
-        column.from_numpy(np.ascontiguousarray(column.to_numpy()[ancestors]))
+def inherit(columns: Iterable[Device], ancestors: Array) -> None:
+    """Give every slot what its ancestor has, in place; ancestors: slots, (n,).
 
-
-def lay(ensemble: Ensemble, bounds: tuple[int, ...]) -> None:
-    """Take up which slots belong to which scenario, of a whole run, in place; the columns stay as they are.
-
-    bounds: the first slot of each scenario and, last, n.
+    columns: of (n,) values, or of several of each particle, one after another.
     """
-    ensemble.layout = Layout(bounds, bounds[:-1], ensemble.layout.block)
+    for column in columns:
+        values = column.to_numpy().reshape(-1, len(ancestors))
+        column.from_numpy(np.ascontiguousarray(values[:, ancestors]).reshape(-1))
 
 
 def weighed(ensemble: Ensemble) -> Weighed:

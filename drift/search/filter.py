@@ -19,6 +19,7 @@ import numpy as np
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.scene import Begin, Scene
 from drift.motion.simulate import PositionsAt
+from drift.particles import ensemble as record
 from drift.particles import life, weights
 from drift.particles.ensemble import Ensemble
 from drift.particles.status import STRANDED, Status, on_map
@@ -365,9 +366,7 @@ class Search:
 
     def redraw(self, drawn: Drawn, until: int) -> None:
         """Draw all particles of a run anew at a time [s after start]."""
-        for column in self.columns.values():
-            values = column.to_numpy().reshape(-1, self.ensemble.n)
-            column.from_numpy(np.ascontiguousarray(values[:, drawn.ancestors]).reshape(-1))
+        record.inherit(self.columns.values(), drawn.ancestors)
         self.begin_anew(drawn, until)
 
     def begin_anew(self, drawn: Drawn, until: int) -> None:

@@ -182,7 +182,9 @@ def stored(outputs: int = 3, n: int = 1000) -> spool.Spool:
         n=n, bounds=np.array([0, n]), scenarios=[(0, n)], log_weight=SimpleNamespace(to_numpy=lambda: column)
     )
     moments = (
-        SimpleNamespace(lon=column, lat=column, status=column, log_weight=column, elapsed=k, ancestors=None)
+        SimpleNamespace(
+            lon=column, lat=column, status=column, log_weight=column, elapsed=k, ancestors=None, lineage=None
+        )
         for k in range(outputs)
     )
     return spool.Spool.of_run(Period(begin, begin + outputs, 1), ensemble, moments, outputs)  # type: ignore[arg-type]

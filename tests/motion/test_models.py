@@ -81,7 +81,7 @@ def test_columns_of_all_models_are_copied(both: tuple[Ensemble, Scene]) -> None:
     assert few.numbers == (0, 1)
     assert set(few.columns) == {one.name for one in (*record.CORE, *COLUMNS, SPEED)}
     assert few.own["speed"].to_numpy().tolist() == [0, 3, 6]
-    record.inherit(ensemble, np.array([0, 0, 2, 4, 4]))
+    record.inherit(ensemble.columns.values(), np.array([0, 0, 2, 4, 4]))
     assert ensemble.own["speed"].to_numpy().tolist() == [0, 0, 0, 6, 6]
     assert few.own["speed"].to_numpy().tolist() == [0, 3, 6]  # a copy of its own
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shards
 import spills
 
 import drift
@@ -18,50 +19,12 @@ from drift.particles.status import Status
 from drift.spill import release
 from kernels import runtime
 
-SHORE = """{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {}, "geometry": {"type": "Polygon",
-"coordinates": [[[0, -2], [2, -2], [2, 2], [0, 2], [0, -2]]]}}]}"""
-CASE = """
-start = "2026-11-21T00:10Z"
-duration = "5 h"
-particles = 26000
-seed = 77
-output.every = "1 h"
-clock.step = "30 min"
-domain = { west = -0.6, south = -0.6, east = 0.5, north = 0.6 }
-coast = { source = "land.geojson", behaviour = "refloat", half_life = "1 h" }
-[[current]]
-constant = { speed = "0.6 m/s", toward = 70 }
-[[wind]]
-constant = { speed = "9 m/s", from = 250 }
-[uncertainty]
-current = { std = "0.2 m/s", time = "5 h", bias = "0.1 m/s" }
-wind = { std = "2 m/s", time = "5 h" }
-diffusivity = "40 m2/s"
-[[scenario]]
-name = "report"
-weight = 0.5
-object = "LIFE-RAFT-DB-10"
-position = { at = [-0.02, 0.05], error = "4 km", time = "+10 min", until = "+2 h" }
-[[scenario]]
-name = "ground"
-weight = 0.2
-object = "PIW-1"
-area = { polygon = [[-0.1, -0.1], [0.03, -0.08], [0.02, 0.1], [-0.09, 0.11]], time = "+0 h", until = "+1 h" }
-[[scenario]]
-name = "passage"
-weight = 0.3
-object = "SAILBOAT-2"
-trackline = { waypoints = [[-0.3, -0.2], [-0.05, 0.2]], speed = "10 kn", cross_track = "2 km" }
-"""
-
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory: pytest.TempPathFactory) -> tuple[start.Start, EnsembleSpec]:
     """Return what a run of three scenarios starts with, and what its particles are drawn from."""
     folder = tmp_path_factory.mktemp("shards")
-    (folder / "land.geojson").write_text(SHORE)
-    (folder / "case.toml").write_text(CASE)
-    case = drift.load(folder / "case.toml")
+    case = drift.vary(shards.case(folder), {"particles": 26_000, "clock.step": "30 min"})
     runtime.start()
     return start.prepare(case, start.open_for(case)), start.ensemble_spec(case)
 

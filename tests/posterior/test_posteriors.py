@@ -72,7 +72,7 @@ def test_copies_keep_what_was_settled(tmp_path: Path) -> None:
     before = settled.read(begin.ensemble, begin.scene.steering)
     rng = np.random.default_rng(3)
     ancestors = np.concatenate([rng.integers(a, b, b - a) for a, b in begin.ensemble.scenarios])
-    record.inherit(begin.ensemble, ancestors)
+    record.inherit(begin.ensemble.columns.values(), ancestors)
     after = settled.read(begin.ensemble, begin.scene.steering)
     begin.scene.forcing.close()
     for name in ("speed", "course", "destination", "k", "arrival"):
