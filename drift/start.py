@@ -259,6 +259,11 @@ def is_searched(case: Case) -> bool:
     return bool(overdue or case.sorties or case.contacts or case.sensors.telling)
 
 
+def is_told(case: Case) -> bool:
+    """Whether anything is told of a case that takes all its particles at once, besides their places."""
+    return is_searched(case) or bool(case.sensors.lines) or is_believed(case) or is_standing(case)
+
+
 def is_standing(case: Case) -> bool:
     """Whether it is told how a search stands by when objects went adrift."""
     return not case.spill and bool(case.sorties or any(scenario.survival for scenario in case.scenarios))

@@ -46,14 +46,15 @@ class Told:
     def __init__(self, case: Case, setup: Setup, reels: Sequence[Reel], layout: Layout, noted: Noted | None) -> None:
         """Take down what the particles of all shards are at the begin of the run; noted: is told of each update."""
         self._case, self._setup = case, setup
-        log_weight = together(reels, "log_weight")
         self.beliefs: Beliefs | None = None
-        if start.is_believed(case):
+        self.begun: Standing | None = None
+        log_weight = together(reels, "log_weight") if start.is_told(case) else None
+        if log_weight is not None and start.is_believed(case):
             self.beliefs = Beliefs(setup.spec, log_weight, _TakenDown(reels, "begin", layout.blocks))
         self.account = Account(setup.spec, start.noting(self.beliefs, noted))
-        self.account.begin(log_weight, layout)
-        self.begun: Standing | None = None
-        if start.is_standing(case):
+        if log_weight is not None:
+            self.account.begin(log_weight, layout)
+        if log_weight is not None and start.is_standing(case):
             self.begun = account.begun(setup.spec, log_weight, together(reels, "release"), layout)
 
     def take(self, reels: Sequence[Reel], layout: Layout) -> None:

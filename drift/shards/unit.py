@@ -90,7 +90,7 @@ class Unit:
             read = Particles(spec, ensemble, own.steering) if start.is_believed(case) else None
             time = None if self.since is None else self.since.time
             told = Stretch(reel, state, stretch.contacts_of(spec, case.contacts), self.known or {}, time, read)
-            if self.since is None and self.stretch == 0:
+            if self.since is None and self.stretch == 0 and start.is_told(case):
                 told.drawn(ensemble.log_weight.to_numpy(), ensemble.release.to_numpy())
             search = told.search = start.search(case, begin, meeting=told, resumed=time is not None)
             if search is not None and self.since is not None:
