@@ -1,6 +1,7 @@
 """How much time, memory and disk do many particles take? A built-in flow, errors, diffusion, wind; in shards or in one piece.
 
     python benchmarks/scale.py --particles 1e8 --hours 24 --outputs 9 --memory "3 GB"
+    python benchmarks/scale.py --current "norkyst/norkyst800*.nc" --wind "norkyst/arome*.nc" --start 2015-11-16T00:00Z --at 4.25 60
 
 Prints seconds by phase, the peak of resident memory of the process, how it went over time, the most that lay on disk, and the cost
 of a particle-step.
@@ -17,11 +18,10 @@ from pathlib import Path
 
 CASE = """
 title = "scale"
-start = "2026-06-01T00:00Z"
+start = "{start}"
 duration = "{hours} h"
 particles = {particles}
 seed = 3
-{where}
 output = {{ every = "{every:.6f} h", trajectories = 100 }}
 clock.step = "1 h"
 coast.source = "none"
@@ -35,10 +35,15 @@ name = "raft"
 object = "LIFE-RAFT-DB-10"
 position = {{ at = [{lon}, {lat}], error = "10 km", time = "+0 h" }}
 """
-FLOW = """[[current]]
+BUILT_IN = """[[current]]
 analytic = "gulf"
 [[wind]]
-constant = {{ speed = "8 m/s", from = 250 }}
+constant = { speed = "8 m/s", from = 250 }
+"""
+FILES = """[[current]]
+files = '{current}'
+[[wind]]
+files = '{wind}'
 """
 
 
@@ -78,19 +83,23 @@ def main() -> None:
     options.add_argument("--threads", type=int, default=2)
     options.add_argument("--workers", type=int, help="of one thread each; memory is that of the first process alone")
     options.add_argument("--folder", type=Path, help="where files lie meanwhile (a real disk)")
+    options.add_argument("--current", help="files of a current, instead of the built-in flow")
+    options.add_argument("--wind", help="files of a wind")
+    options.add_argument("--start", default="2026-06-01T00:00Z")
+    options.add_argument("--at", type=float, nargs=2, metavar=("LON", "LAT"), default=(-88.0, 26.5))
     given = options.parse_args()
-    particles, lon, lat = int(given.particles), -88.0, 26.5
+    particles, (lon, lat) = int(given.particles), given.at
+    files = FILES.format(current=given.current, wind=given.wind)
     with tempfile.TemporaryDirectory(dir=given.folder) as name:
         folder = Path(name)
-        flow = FLOW.format(lon=lon, lat=lat)
         text = CASE.format(
             hours=given.hours,
             particles=particles,
             every=given.hours / (given.outputs - 1),
-            forcing=flow,
+            forcing=files if given.current else BUILT_IN,
             lon=lon,
             lat=lat,
-            where="",
+            start=given.start,
         )
         (folder / "case.toml").write_text(text)
         command = [
