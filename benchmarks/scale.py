@@ -14,8 +14,10 @@ import sys
 import tempfile
 import threading
 import time
+from datetime import datetime, timedelta
 from pathlib import Path
 
+ISO = "%Y-%m-%dT%H:%MZ"
 CASE = """
 title = "scale"
 start = "{start}"
@@ -39,6 +41,14 @@ BUILT_IN = """[[current]]
 analytic = "gulf"
 [[wind]]
 constant = { speed = "8 m/s", from = 250 }
+"""
+SORTIE = """[[sortie]]
+name = "sortie {number}"
+unit = "Aircraft"
+start = "{start}"
+speed = "150 kn"
+sweep_width = "0.6 nmi"
+pattern = {{ kind = "parallel", centre = [{lon}, {lat}], length = "30 nmi", width = "20 nmi", orientation = 150, spacing = "1 nmi" }}
 """
 FILES = """[[current]]
 files = '{current}'
@@ -83,6 +93,7 @@ def main() -> None:
     options.add_argument("--threads", type=int, default=2)
     options.add_argument("--workers", type=int, help="of one thread each; memory is that of the first process alone")
     options.add_argument("--folder", type=Path, help="where files lie meanwhile (a real disk)")
+    options.add_argument("--sorties", type=int, default=0, help="that find nothing, one after another")
     options.add_argument("--current", help="files of a current, instead of the built-in flow")
     options.add_argument("--wind", help="files of a wind")
     options.add_argument("--start", default="2026-06-01T00:00Z")
@@ -100,6 +111,11 @@ def main() -> None:
             lon=lon,
             lat=lat,
             start=given.start,
+        )
+        first = datetime.strptime(given.start, ISO)
+        text += "".join(
+            SORTIE.format(number=k, lon=lon, lat=lat, start=f"{first + timedelta(hours=5 + 4 * k):{ISO}}")
+            for k in range(given.sorties)
         )
         (folder / "case.toml").write_text(text)
         command = [
@@ -121,7 +137,7 @@ def main() -> None:
         wall = time.perf_counter() - begin
         seconds = json.loads((folder / "out" / "summary.json").read_text())["wall_time_s"]
     print(
-        f"{particles:,} particles, {given.hours} h, {given.outputs} outputs, {given.threads} threads, memory {given.memory}, shards {given.shards}, workers {given.workers}"
+        f"{particles:,} particles, {given.hours} h, {given.outputs} outputs, {given.sorties} sorties, {given.threads} threads, memory {given.memory}, shards {given.shards}, workers {given.workers}"
     )
     print(f"wall {wall:.1f} s; " + ", ".join(f"{phase} {value:.1f}" for phase, value in seconds.items()))
     print(

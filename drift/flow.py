@@ -31,6 +31,7 @@ from drift.motion.spool import Spool
 from drift.output import publication, writer
 from drift.output.chapter import Chapter, joined
 from drift.particles import life
+from drift.particles.columns import Columns
 from drift.particles.ensemble import Ensemble
 from drift.posterior import chapter as posterior_chapter
 from drift.posterior import tables as posterior_tables
@@ -322,9 +323,8 @@ def _begun(case: Case, ensemble: Ensemble) -> Standing | None:
     """Return how a search stood before any sortie or contact; None where that is not told."""
     if not start.is_standing(case):
         return None
-    return account.begun(
-        start.ensemble_spec(case), ensemble.log_weight.to_numpy(), ensemble.release.to_numpy(), ensemble.layout
-    )
+    columns = {"log_weight": ensemble.log_weight.to_numpy(), "release": ensemble.release.to_numpy()}
+    return account.begun(start.ensemble_spec(case), Columns.held(ensemble.blocks, columns))
 
 
 def _drifted(

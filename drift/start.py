@@ -23,10 +23,10 @@ from drift.motion.period import ClockSpec
 from drift.motion.scene import Scene
 from drift.motion.spool import Spool
 from drift.motion.step_size import Trial
-from drift.particles import partials
+from drift.particles import partials, weights
+from drift.particles.columns import Columns
 from drift.particles.ensemble import Ensemble
 from drift.particles.status import Status
-from drift.particles.weights import shares
 from drift.posterior.beliefs import Beliefs
 from drift.posterior.source import Particles
 from drift.search.account import Noted
@@ -36,7 +36,6 @@ from drift.search.updates import Update
 from drift.spill import release, renewal
 from drift.spill import worlds as drawn_worlds
 from drift.spill.worlds import Proposal, Worlds
-from geo.array import Array
 from geo.coast import edges as shoreline
 from geo.coast.segments import Segments
 from geo.coast.shore import Shore
@@ -207,9 +206,8 @@ def beliefs(case: Case, begin: Start) -> Beliefs | None:
     """Return what takes down the posteriors of what is not position; None where nothing steers and nothing was seen."""
     if not is_believed(case):
         return None
-    return Beliefs(
-        begin.spec, begin.ensemble.log_weight.to_numpy(), Particles(begin.spec, begin.ensemble, begin.scene.steering)
-    )
+    first = Columns.held(begin.ensemble.blocks, {"log_weight": begin.ensemble.log_weight.to_numpy()})
+    return Beliefs(begin.spec, first, Particles(begin.spec, begin.ensemble, begin.scene.steering))
 
 
 def search(
@@ -239,10 +237,10 @@ def noting(beliefs: Beliefs | None, noted: Noted | None) -> Noted | None:
     if beliefs is None:
         return noted
 
-    def note(update: Update, before: Array, log_weight: Array, lineage: Array | None) -> None:
-        beliefs.note(update.name, update.kind, update.time, log_weight, lineage)
+    def note(update: Update, columns: Columns) -> None:
+        beliefs.note(update.name, update.kind, update.time, columns.named("after", "log_weight"))
         if noted is not None:
-            noted(update, before, log_weight, lineage)
+            noted(update, columns)
 
     return note
 
@@ -269,21 +267,24 @@ def is_standing(case: Case) -> bool:
     return not case.spill and bool(case.sorties or any(scenario.survival for scenario in case.scenarios))
 
 
-def check_end(case: Case, where: Environment, begin: Setup, snapshots: Spool, unsearched: Array | None) -> None:
+def check_end(case: Case, where: Environment, begin: Setup, snapshots: Spool, unsearched: Columns | None) -> None:
     """Refuse a run that lost more than the case allows.
 
-    unsearched: log weights (n,) as if no sortie had been flown; None: those of the run.
+    unsearched: log weights of that name, as if no sortie had been flown; None: those of the run.
 
     What is lost is a matter of the motion: a good search that finds nothing leaves what it could not reach, and is not
     to be refused for that.
     """
-    weight = None if unsearched is None else shares(unsearched)
+    unit = weights.unit(unsearched, "unsearched") if unsearched else None
 
     def ends() -> Iterator[AtEnd]:
         for part in snapshots.outputs[-1].parts():
             place = part.blocks.places
-            own = part if weight is None else replace(part, probability=weight[place])
-            yield AtEnd(own, *snapshots.at_end(("status_since",), place))
+            if unsearched and unit:
+                first = int(place.min())
+                own = unsearched.read["unsearched"](first, int(place.max()) + 1)[place - first]
+                part = replace(part, probability=unit.shares(own))
+            yield AtEnd(part, *snapshots.at_end(("status_since",), place))
 
     sums = [
         end.snapshot.blocks.partial(end.snapshot.probability, code=end.snapshot.status, many=len(Status))

@@ -7,9 +7,9 @@ import numpy as np
 from drift.contrast.figures import Figures
 from drift.contrast.units import Figure, Units
 from drift.particles import weights
+from drift.particles.columns import Columns
 from drift.planner.records import Plan
 from drift.search.updates import Update
-from geo.array import Array
 
 
 @dataclass
@@ -19,12 +19,14 @@ class Log:
     units: Units
     found: dict[str, Figure] = field(default_factory=dict)
 
-    def note(self, update: Update, before: Array, after: Array, lineage: Array | None) -> None:
-        """Take a sortie down: log weights (n,) before and after it, and the unit of each particle."""
+    def note(self, update: Update, columns: Columns) -> None:
+        """Take a sortie down, by what drift.search.account.Noted is given."""
         if update.kind != "sortie":
             return
-        unit = np.arange(len(before)) if lineage is None else lineage
-        failed, flown = (np.bincount(unit, weights.shares(logs), self.units.size) for logs in (after, before))
+        unit = columns.whole("lineage") if "lineage" in columns else np.arange(columns.blocks.n)
+        failed, flown = (
+            np.bincount(unit, weights.shares(columns.whole(name)), self.units.size) for name in ("after", "before")
+        )
         self.found[update.name] = Figure(float(update.log_evidence[-1]), failed - flown)
 
     def figures(self, names: tuple[str, ...]) -> Figures:

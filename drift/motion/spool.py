@@ -90,7 +90,7 @@ class Reel:
     end: dict[str, int] = field(default_factory=dict)  # where columns of the end of the run begin
     notes: dict[str, Noted] = field(default_factory=dict)  # what else a run takes down, by name
     _later: Array | None = None  # log weights given after the run; not in the file, whose checksum is taken at its end
-    _size: int = 0
+    size: int = 0  # [bytes] of what it has taken
 
     def record(self, period: Period, moments: Iterable[Moment]) -> None:
         """Take up the moments of a run as they come."""
@@ -120,7 +120,7 @@ class Reel:
     @property
     def empty(self) -> bool:
         """Whether nothing is in it."""
-        return self._size == 0
+        return self.size == 0
 
     def note(self, name: str, values: Array) -> None:
         """Take down values of one dimension and any kind under a name."""
@@ -156,7 +156,7 @@ class Reel:
 
     def _append(self, column: Array) -> int:
         assert not isinstance(self.file, Path)
-        begin = self._size
+        begin = self.size
         try:
             self.file.seek(begin)
             self.file.write(column.data)
@@ -164,7 +164,7 @@ class Reel:
         except OSError as error:
             self.file.raw.close()  # what is left in the buffer would fail once more
             raise NoRoom(error.strerror or str(error)) from error
-        self._size += column.nbytes
+        self.size += column.nbytes
         return begin
 
     def read(self, name: str, at: int | None, first: int, last: int) -> Array:

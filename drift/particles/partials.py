@@ -158,10 +158,6 @@ class Partial:
     number: Array  # (k,) first slot in the whole run, ascending
     sums: Array  # (k, codes, values)
 
-    def merge(self, other: Partial) -> Partial:
-        """Return the sums of the blocks of both, which have none in common."""
-        return merged((self, other))
-
     @property
     def by_scenario(self) -> Array:
         """The sums of each scenario, (scenarios, codes, values)."""

@@ -7,17 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from drift.particles import partials
+from drift.particles.columns import Columns
 from drift.particles.partials import Blocks, Partial
 from geo.array import Array
 
 
-def relative(log_weight: Array, scale: Array | None = None) -> Array:
-    """Return weights, float64, of which the largest is 1; or in units of the largest of `scale`."""
-    top = float((log_weight if scale is None else scale).max())
-    return np.asarray(np.exp(log_weight.astype(np.float64) - top))
+def relative(log_weight: Array, top: float | None = None) -> Array:
+    """Return weights, float64, of which the largest is 1; or in units of exp(top)."""
+    unit = float(log_weight.max()) if top is None else top
+    return np.asarray(np.exp(log_weight.astype(np.float64) - unit))
 
 
 def shares(log_weight: Array) -> Array:
@@ -59,16 +62,16 @@ class Weighed:
     top: Array  # (k,) largest log weight of each block
     part: Partial  # sums of weights and of their squares, (k, 1, 2)
 
-    def merge(self, other: Weighed) -> Weighed:
-        """Return the same of the particles of both."""
-        order = np.argsort(np.concatenate([self.part.number, other.part.number]), kind="stable")
-        return Weighed(np.concatenate([self.top, other.top])[order], self.part.merge(other.part))
-
     def _scaled(self, top: Array) -> Partial:
         """Return the sums in units of exp(top), of shape (k,) or ()."""
         scale = np.exp(np.where(np.isfinite(self.top), self.top, -np.inf) - np.where(np.isfinite(top), top, 0.0))
         sums = self.part.sums * np.stack([scale, scale**2], axis=-1)[:, None, :]
         return Partial(self.part.scenarios, self.part.scenario, self.part.number, sums)
+
+    @property
+    def largest(self) -> float:
+        """The largest log weight; -inf of nothing."""
+        return float(self.top.max(initial=-np.inf))
 
     @property
     def log_sums(self) -> Array:
@@ -82,8 +85,8 @@ class Weighed:
     @property
     def log_sum(self) -> float:
         """Log of the sum of all weights; -inf where there is none."""
-        top = self.top.max(initial=-np.inf)
-        return float(top + np.log(self._scaled(top).total[0, 0])) if np.isfinite(top) else float(top)
+        top = self.largest
+        return float(top + np.log(self._scaled(np.asarray(top)).total[0, 0])) if np.isfinite(top) else top
 
     @property
     def scenarios(self) -> Array:
@@ -101,9 +104,34 @@ def weighed(log_weight: Array, blocks: Blocks) -> Weighed:
     """Return what is needed of all log weights (n,)."""
     logs = log_weight.astype(np.float64)
     top = np.maximum.reduceat(logs, blocks.first) if blocks.first.size else np.empty(0)
-    unit = np.repeat(np.where(np.isfinite(top), top, 0.0), np.diff(blocks.first, append=blocks.n))
-    weight = np.exp(logs - unit)
+    own = np.repeat(np.where(np.isfinite(top), top, 0.0), np.diff(blocks.first, append=blocks.n))
+    weight = np.exp(logs - own)
     return Weighed(top, blocks.partial(weight, weight**2))
+
+
+def merged(parts: Sequence[Weighed]) -> Weighed:
+    """Return what is needed of the log weights of all parts (at least one)."""
+    order = np.argsort(np.concatenate([one.part.number for one in parts]), kind="stable")
+    top = np.concatenate([one.top for one in parts])[order]
+    return Weighed(top, partials.merged([one.part for one in parts]))
+
+
+class Unit(NamedTuple):
+    """In what units log weights are to be told so that the weights of all particles add up to 1."""
+
+    top: float  # the largest
+    total: float  # of all, in units of the largest
+
+    def shares(self, log_weight: Array) -> Array:
+        """Return the probabilities of some particles by their log weights, float64."""
+        return np.asarray(relative(log_weight, self.top) / self.total)
+
+
+def unit(columns: Columns, name: str) -> Unit:
+    """Return the units of a column of log weights."""
+    top = max(float(logs.max()) for _, logs in columns.parts(name))
+    sums = [blocks.partial(relative(logs, top)) for blocks, logs in columns.parts(name)]
+    return Unit(top, float(partials.merged(sums).total[0, 0]))
 
 
 def normalised(log_weight: Array, blocks: Blocks) -> Array:

@@ -1,22 +1,29 @@
 """The distribution of one quantity by the weights of particles: shares, moments, exact quantiles, and a histogram.
 
-Sums are made by blocks (drift.particles.partials). Quantiles are exact: a histogram says in which bin each lies, and only
-the particles of those bins are sorted. What does not change with the weights is laid out once (`Laid`).
+Particles are gone through part by part, and sums made by blocks (drift.particles.partials). Quantiles are exact: a
+histogram says in which bin each lies, and only the particles of those bins are sorted.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from drift.particles import weights
+from drift.particles import partials, weights
+from drift.particles.columns import Columns
 from drift.particles.partials import Blocks, Partial
 from geo.array import Array
 
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 BINS = 256
 TURN = 2 * np.pi
+ROUNDING = 2.0**-44  # of the sums of a million terms: a variance that is a smaller part of the mean square is none
+SORTED = 2**21  # particles of a bin that are sorted at once; of more the bin is cut into bins again
+
+# Gives the numbers by which particles are ranked, and their weights, some after others.
+Members = Callable[[], Iterable[tuple[Array, Array]]]
 
 
 @dataclass(frozen=True)
@@ -35,13 +42,12 @@ class Marginal:
 
 
 class Weighted(NamedTuple):
-    """Weights of particles, and what they and their squares add up to."""
+    """Particles by their weights, and what these and their squares add up to."""
 
-    weight: Array  # float64 (n,), the largest is 1; 0 where a quantity means nothing
-    total: Array  # (rows,)
+    columns: Columns  # log_weight; lineage where any was drawn anew; holds of a quantity that means nothing for some
+    top: float  # the largest log weight of all
+    total: Array  # (rows,) in units of the largest weight
     squares: Array  # (rows,) of the weights of families
-    blocks: Blocks
-    family: Array | None  # int (n,) not negative: the particle of the begin from which each descends; None: itself
 
     @property
     def ess(self) -> Array:
@@ -49,145 +55,128 @@ class Weighted(NamedTuple):
         none = np.zeros(len(self.total))
         return np.asarray(np.divide(self.total**2, self.squares, out=none, where=self.squares > 0))
 
+    def parts(self, *names: str) -> Iterator[tuple[Any, ...]]:
+        """Yield the blocks of some particles after others, their weights, 0 where the quantity means nothing, and columns."""
+        for blocks, log_weight, holds, *columns in self.columns.parts("log_weight", "holds", *names):
+            weight = weights.relative(log_weight, self.top)
+            yield blocks, weight if holds is None else weight * holds, *columns
 
-class Laid(NamedTuple):
-    """Values of a quantity, and what is made of them once for all weights."""
-
-    values: Array  # (n,) as they came
-    bins: Array  # uint8 (n,) of their histogram
-    middle: float = 0.0  # of which squares are small enough to be subtracted
-    turns: tuple[Array, Array, Array] | None = None  # of angles: brought into a turn from 0, their sine and cosine
+    def row(self, row: int) -> "Weighted":
+        """Return the particles of a row: of a scenario, or all."""
+        blocks = self.columns.blocks
+        return self if row == blocks.scenarios else self._replace(columns=self.columns.some(*_span(blocks, row)))
 
 
-def weighted(weight: Array, blocks: Blocks, family: Array | None = None) -> Weighted:
-    """Return weights, float64 (n,), as the other functions take them.
+def weighted(columns: Columns, top: float | None = None) -> Weighted:
+    """Return particles as the other functions take them, by their `log_weight` and, where there is one, `lineage`.
 
-    family: int (n,), the particle of the begin from which each descends: copies count as one (drift.forecast.effective).
+    lineage: int, the particle of the begin from which each descends: copies count as one (drift.forecast.effective). top: the
+    largest log weight, if it is known.
     """
-    total, squares = _with_all(blocks.partial(weight, weight**2))[:, 0].T
-    if family is not None:
-        squares = _of_families(weight, blocks, family)
-    return Weighted(weight, total, squares, blocks, family)
+    if top is None:
+        top = max(float(log_weight.max()) for _, log_weight in columns.parts("log_weight"))
+    found = Weighted(columns, top, np.empty(0), np.empty(0))
+    sums, runs = [], []
+    for blocks, weight, lineage in found.parts("lineage"):
+        sums.append(blocks.partial(weight, weight**2))
+        if lineage is not None:
+            scenario = np.repeat(blocks.scenario, np.diff(blocks.first, append=blocks.n))
+            runs.append(weights.runs_of_families(scenario, blocks.scenarios, weight, lineage, blocks))
+    total, squares = _summed(sums)[:, 0].T
+    if runs:
+        many = columns.blocks.scenarios
+        of, mass = weights.families(many, runs)
+        own = np.bincount(of, mass**2, many)
+        squares = np.append(own, own.sum())
+    return found._replace(total=total, squares=squares)
 
 
-def _of_families(weight: Array, blocks: Blocks, family: Array) -> Array:
-    """Return the sums of the squared weights of families by scenario and, last, of all."""
-    scenario = np.repeat(np.arange(blocks.scenarios), np.diff(_edges(blocks)))
-    of, mass = weights.of_families(scenario, blocks.scenarios, weight, family, blocks)
-    squares = np.bincount(of, mass**2, blocks.scenarios)
-    return np.append(squares, squares.sum())
-
-
-def numbers(values: Array, low: float, high: float) -> Laid:
-    """Return numbers (n,) as of_number takes them.
-
-    low, high: ends of the histogram, to whose first and last bin what lies outside is added.
-    """
-    return Laid(values, _bins(values.astype(np.float64), low, high), (low + high) / 2)
-
-
-def angles(values: Array) -> Laid:
-    """Return angles [rad] (n,) as of_angle takes them; their histogram is of one turn from 0."""
-    within = values.astype(np.float64) % TURN
-    return Laid(values, _bins(within, 0.0, TURN), turns=(within, np.sin(within), np.cos(within)))
-
-
-def of_category(own: Weighted, number: Array, holds: Array, many: int) -> Marginal:
+def of_category(own: Weighted, values: Columns, many: int) -> Marginal:
     """Return the distribution of a category.
 
-    number: of each particle's value, 0 to many - 1 where it `holds`, (n,).
+    values: the number of each particle's, 0 to many - 1 where it `holds`.
     """
-    held = _held(own, holds)
-    sums = _coded(held, number if held is own else np.where(holds, number, 0), many)
-    total = own.total[:, None]
+    held = _held(own, values)
+    coded = [
+        blocks.partial(weight, code=np.where(holds, number, 0), many=many)
+        for blocks, weight, number, holds in held.parts("values", "holds")
+    ]
+    sums, total = _summed(coded)[:, :, 0], own.total[:, None]
     table = np.divide(sums, total, out=np.full(sums.shape, np.nan), where=total > 0)
     return Marginal(table.sum(axis=1), held.ess, table)
 
 
-def of_number(own: Weighted, laid: Laid, holds: Array) -> Marginal:
-    """Return the distribution of numbers, where they hold (n,)."""
-    held = _held(own, holds)
+def of_number(own: Weighted, values: Columns, low: float, high: float) -> Marginal:
+    """Return the distribution of numbers, where they hold.
 
-    def moments(part: slice) -> tuple[Array, Array]:
-        off = np.subtract(laid.values[part], laid.middle, dtype=np.float64)
-        first = held.weight[part] * off
-        return first, first * off
+    low, high: ends of the histogram, to whose first and last bin what lies outside is added.
+    """
+    held, middle = _held(own, values), (low + high) / 2  # from there squares are small enough to be subtracted
+    moments, coded = [], []
+    for blocks, weight, number in held.parts("values"):
+        off = np.subtract(number, middle, dtype=np.float64)
+        moments.append(blocks.partial(weight * off, weight * off * off))
+        coded.append(blocks.partial(weight, code=_bins(number.astype(np.float64), low, high), many=BINS))
+    sums, table = _summed(moments)[:, 0], _summed(coded)[:, :, 0]
+    mean, square = _over(sums[:, 0], held.total), _over(sums[:, 1], held.total)
+    variance = np.where(square - mean**2 > ROUNDING * square, square - mean**2, 0.0 * square)
 
-    sums = _summed(held, moments)
-    mean = _over(sums[:, 0], held.total)
-    variance = np.maximum(_over(sums[:, 1], held.total) - mean**2, 0.0)
-    table = _coded(held, laid.bins, BINS)
-    rows = range(len(table))
-    quantiles = _quantiles(held, laid.bins, table, lambda slots: laid.values[slots].astype(np.float64), rows)
+    def members(row: int) -> Iterator[tuple[Array, Array]]:
+        for _, weight, number in held.row(row).parts("values"):
+            yield number.astype(np.float64), weight
+
+    quantiles = [_quantiles(partial(members, row), levels, low, high) for row, levels in enumerate(table)]
     shares = _over(held.total, own.total), held.ess
-    return Marginal(*shares, _over(table[-1], own.total[-1])[None], mean + laid.middle, np.sqrt(variance), quantiles)
+    return Marginal(
+        *shares, _over(table[-1], own.total[-1])[None], mean + middle, np.sqrt(variance), np.array(quantiles)
+    )
 
 
-def of_angle(own: Weighted, laid: Laid, holds: Array) -> Marginal:
-    """Return the distribution of angles, where they hold (n,)."""
-    assert laid.turns is not None
-    held, (within, sine, cosine) = _held(own, holds), laid.turns
-    sums = _summed(held, lambda part: (held.weight[part] * sine[part], held.weight[part] * cosine[part]))
+def of_angle(own: Weighted, values: Columns) -> Marginal:
+    """Return the distribution of angles [rad], where they hold; their histogram is of one turn from 0."""
+    held, turned, coded = _held(own, values), [], []
+    for blocks, weight, angle in held.parts("values"):
+        within = angle.astype(np.float64) % TURN
+        turned.append(blocks.partial(weight * np.sin(within), weight * np.cos(within)))
+        coded.append(blocks.partial(weight, code=_bins(within, 0.0, TURN), many=BINS))
+    sums, table = _summed(turned)[:, 0], _summed(coded)[:, :, 0]
     mean = np.where(held.total > 0, np.arctan2(sums[:, 0], sums[:, 1]) % TURN, np.nan)
     length = np.minimum(_over(np.hypot(sums[:, 0], sums[:, 1]), held.total), 1.0)
     with np.errstate(divide="ignore"):
         std = np.sqrt(-2 * np.log(length))
-    # Quantiles are those of the angle from the mean, -pi to pi: the turn is cut opposite it.
-    centre = np.nan_to_num(mean)
-    every = len(centre) - 1
-    quantiles = _about(held, within, centre[:-1], range(every))
-    quantiles[-1] = quantiles[0] if every == 1 else _about(held, within, np.full(every, centre[-1]), [every])[-1]
-    quantiles = (quantiles + centre[:, None]) % TURN
+    quantiles = np.array([_about(held.row(row), middle) for row, middle in enumerate(np.nan_to_num(mean))])
     shares = _over(held.total, own.total), held.ess
-    turned = _coded(held, laid.bins, BINS)
-    return Marginal(*shares, _over(turned[-1], own.total[-1])[None], mean, std, quantiles)
+    return Marginal(*shares, _over(table[-1], own.total[-1])[None], mean, std, quantiles)
 
 
-def _about(held: Weighted, within: Array, centre: Array, rows: Sequence[int]) -> Array:
-    """Return the quantiles (rows, LEVELS) of angles from the centre of their scenario, -pi to pi; of some rows alone.
+def _about(held: Weighted, centre: float) -> Array:
+    """Return the quantiles of angles (LEVELS,): those of how far they are from a centre, -pi to pi, as angles again."""
 
-    Angles and centres are within a turn from 0.
-    """
-    blocks, bins = held.blocks, np.empty(held.weight.size, np.uint8)
+    def members() -> Iterator[tuple[Array, Array]]:
+        for _, weight, angle in held.parts("values"):
+            apart = angle.astype(np.float64) % TURN - centre
+            yield apart + TURN * ((apart < -np.pi).astype(np.float64) - (apart >= np.pi)), weight
 
-    def off(slots: Array | slice, middle: Array) -> Array:
-        apart = within[slots] - middle
-        return apart + TURN * ((apart < -np.pi).astype(np.float64) - (apart >= np.pi))
-
-    for part, scenario in zip(blocks.spans, blocks.scenario, strict=True):
-        bins[part] = _bins(off(part, centre[scenario]), -np.pi, np.pi)
-    edges, table = _edges(blocks), _coded(held, bins, BINS)
-
-    def values(slots: Array) -> Array:
-        return off(slots, centre[np.searchsorted(edges, slots, side="right") - 1])
-
-    return _quantiles(held, bins, table, values, rows)
+    table = np.zeros(BINS)
+    for apart, weight in members():
+        table += np.bincount(_bins(apart, -np.pi, np.pi), weight, BINS)
+    return np.asarray((_quantiles(members, table, -np.pi, np.pi) + centre) % TURN)
 
 
-def _held(own: Weighted, holds: Array) -> Weighted:
-    """Return the weights of those for which a quantity means anything (n,), and none of others."""
-    return own if holds.all() else weighted(own.weight * holds, own.blocks, own.family)
+def _held(own: Weighted, values: Columns) -> Weighted:
+    """Return particles with their values, by the weights of those for which these mean anything."""
+    return weighted(own.columns | values, own.top)
 
 
-def _edges(blocks: Blocks) -> Array:
-    """Return the first slot of each scenario and, last, n."""
-    return np.append(blocks.first, blocks.n)[np.searchsorted(blocks.scenario, np.arange(blocks.scenarios + 1))]
+def _span(blocks: Blocks, scenario: int) -> tuple[int, int]:
+    """Return the numbers of the first block of a scenario, and of the one after its last."""
+    begin, end = np.searchsorted(blocks.scenario, (scenario, scenario + 1))
+    return int(begin), int(end)
 
 
-def _summed(held: Weighted, terms: Callable[[slice], tuple[Array, Array]]) -> Array:
-    """Return the sums of two terms, made block by block, by scenario and, last, of all, (scenarios + 1, 2)."""
-    blocks = held.blocks
-    sums = np.array([[term.sum() for term in terms(part)] for part in blocks.spans]).reshape(-1, 1, 2)
-    return _with_all(Partial(blocks.scenarios, blocks.scenario, blocks.number, sums))[:, 0]
-
-
-def _coded(held: Weighted, code: Array, many: int) -> Array:
-    """Return the sums of weights by scenario and, last, of all, of each code 0 to many - 1, (scenarios + 1, many)."""
-    return _with_all(held.blocks.partial(held.weight, code=code, many=many))[:, :, 0]
-
-
-def _with_all(part: Partial) -> Array:
-    by_scenario = part.by_scenario
+def _summed(parts: list[Partial]) -> Array:
+    """Return the sums of all parts by scenario and, last, of all, (scenarios + 1, codes, values)."""
+    by_scenario = partials.merged(parts).by_scenario
     return np.concatenate([by_scenario, np.add.accumulate(by_scenario, axis=0)[-1:]])  # as Partial.total
 
 
@@ -202,42 +191,69 @@ def _bins(values: Array, low: float, high: float) -> Array:
     return np.clip(bins, 0, BINS - 1, out=bins).astype(np.uint8)
 
 
-def _quantiles(
-    held: Weighted, bins: Array, table: Array, values: Callable[[Array], Array], rows: Sequence[int]
-) -> Array:
-    """Return the quantiles of values (rows, LEVELS), of some rows alone.
-
-    A quantile is the least value up to and with which the weights add up to its level. bins: uint8 (n,), and table: the
-    weights in them (rows, BINS). values: gives those of some slots, which ascend with their bins within a row.
-    """
-    up_to = np.cumsum(table, axis=1)
-    aim = np.asarray(LEVELS) * up_to[:, -1:]
-    end = np.where(table > 0, np.arange(BINS), 0).max(axis=1)  # rounding must not lead beyond the last weight
-    wanted = np.minimum((up_to[:, None, :] < aim[:, :, None]).sum(axis=-1), end[:, None])
-    quantiles, edges = np.full(wanted.shape, np.nan), _edges(held.blocks)
-    for row in rows:
-        if up_to[row, -1] > 0:
-            begin, over = (edges[row], edges[row + 1]) if row < len(table) - 1 else (0, held.blocks.n)
-            chosen = np.zeros(BINS, bool)  # only the particles of bins that hold a quantile are sorted
-            chosen[wanted[row]] = True
-            slots = np.flatnonzero(chosen.take(bins[begin:over])) + begin
-            slots = slots[held.weight[slots] > 0]
-            ranked = values(slots)
-            rising = np.argsort(ranked)
-            slots, ranked = slots[rising], ranked[rising]
-            rest = aim[row] - (up_to - table)[row, wanted[row]]
-            quantiles[row] = _within(ranked, held.weight[slots], bins[slots], wanted[row], rest)
-    return quantiles
+def _quantiles(members: Members, table: Array, low: float, high: float) -> Array:
+    """Return the quantiles of what ranks some particles (LEVELS,); table: their weights in BINS from low to high."""
+    return _ranked(members, table, low, high, np.asarray(LEVELS) * np.cumsum(table)[-1])
 
 
-def _within(values: Array, weight: Array, bins: Array, wanted: Array, rest: Array) -> Array:
-    """Return the values at which the weights within bins add up to what is wanted, (LEVELS,).
+def _ranked(members: Members, table: Array, low: float, high: float, aim: Array) -> Array:
+    """Return the least numbers up to and with which the weights add up to what is aimed at; NaN of no weight."""
+    if not table.any():
+        return np.full(len(aim), np.nan)
+    up_to, end = np.cumsum(table), np.flatnonzero(table)[-1]  # rounding must not lead beyond the last weight
+    wanted = np.minimum(np.searchsorted(up_to, aim), end)
+    rest, found = aim - (up_to - table)[wanted], np.empty(len(aim))
+    bins = {int(code): _Bin() for code in np.unique(wanted)}
+    chosen = np.zeros(BINS, bool)  # only the particles of bins that hold a quantile are sorted
+    chosen[wanted] = True
+    for numbers, weight in members():
+        codes = _bins(numbers, low, high)
+        which = np.flatnonzero(chosen.take(codes) & (weight > 0))
+        numbers, weight, codes = numbers[which], weight[which], codes[which]
+        for code, own in bins.items():
+            inside = codes == code
+            own.take(numbers[inside], weight[inside])
+    for code, own in bins.items():
+        levels = wanted == code
+        if own.many <= SORTED or own.least == own.most:
+            found[levels] = own.at(rest[levels])
+            continue
 
-    values: ascending, (m,), with their weights and bins. wanted: the bin of each level, rest: the weight within it.
-    """
-    found = np.empty(len(wanted))
-    first, last = np.searchsorted(bins, wanted), np.searchsorted(bins, wanted, side="right") - 1
-    for level, (a, b) in enumerate(zip(first, last, strict=True)):
-        reached = np.searchsorted(np.cumsum(weight[a : b + 1]), rest[level])
-        found[level] = values[min(a + reached, b)]
+        def inner(code: int = code) -> Iterator[tuple[Array, Array]]:
+            for numbers, weight in members():
+                inside = (_bins(numbers, low, high) == code) & (weight > 0)
+                yield numbers[inside], weight[inside]
+
+        finer = np.zeros(BINS)
+        for numbers, weight in inner():
+            finer += np.bincount(_bins(numbers, own.least, own.most), weight, BINS)
+        found[levels] = _ranked(inner, finer, own.least, own.most, rest[levels])
     return found
+
+
+class _Bin:
+    """The particles of a bin, kept as long as they are few enough to be sorted."""
+
+    def __init__(self) -> None:
+        self.many, self.least, self.most = 0, np.inf, -np.inf
+        self._kept: list[tuple[Array, Array]] = []
+
+    def take(self, numbers: Array, weight: Array) -> None:
+        """Take up some of them."""
+        if not numbers.size:
+            return
+        self.many += numbers.size
+        self.least, self.most = min(self.least, float(numbers.min())), max(self.most, float(numbers.max()))
+        if self.many <= SORTED:
+            self._kept.append((numbers, weight))
+        else:
+            self._kept.clear()
+
+    def at(self, rest: Array) -> Array:
+        """Return the numbers at which their weights add up to what is wanted."""
+        if self.least == self.most:
+            return np.full(len(rest), self.least)
+        numbers, weight = (np.concatenate(column) for column in zip(*self._kept, strict=True))
+        rising = np.argsort(numbers, kind="stable")
+        at = np.searchsorted(np.cumsum(weight[rising]), rest)
+        return np.asarray(numbers[rising][np.minimum(at, len(numbers) - 1)])

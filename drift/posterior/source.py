@@ -8,21 +8,17 @@ from drift.motion import settled
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.settled import Settled
 from drift.motion.steer import Steering
+from drift.particles.columns import Columns
 from drift.particles.ensemble import Ensemble
-from drift.particles.partials import Blocks
-from drift.posterior.quantity import Drawn, Quantity, Values
+from drift.posterior.quantity import Drawn, Quantity
 from geo.array import Array
 
 
 class Source(Protocol):
     """The particles of a run at some time."""
 
-    @property
-    def blocks(self) -> Blocks:
-        """The blocks by which sums over them are made."""
-
-    def values(self, quantity: Quantity) -> Values | None:
-        """Return what they have of a quantity; None: none has it."""
+    def columns(self, quantity: Quantity) -> Columns | None:
+        """Return what they have of a quantity, as columns by the names of Values; None: none has it."""
 
 
 class Particles:
@@ -34,16 +30,12 @@ class Particles:
         self._birth: Array | None = None
         self._settled: Settled | None = None
 
-    @property
-    def blocks(self) -> Blocks:
-        """The blocks by which sums over them are made."""
-        return self._ensemble.blocks
-
-    def values(self, quantity: Quantity) -> Values | None:
+    def columns(self, quantity: Quantity) -> Columns | None:
         """Return what they have of a quantity; what is settled at birth is asked for again if births have changed."""
         if self._steering is not None:
             birth = self._ensemble.own["birth"].to_numpy()
             if self._birth is None or not np.array_equal(birth, self._birth):
                 self._birth, self._settled = birth.copy(), settled.read(self._ensemble, self._steering)
         scenario = self._ensemble.scenario.to_numpy().astype(np.int64)
-        return quantity.of(Drawn(self._spec, self._ensemble, scenario, self._settled))
+        found = quantity.of(Drawn(self._spec, self._ensemble, scenario, self._settled))
+        return None if found is None else Columns.held(self._ensemble.blocks, found._asdict())

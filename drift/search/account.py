@@ -1,17 +1,19 @@
 """What is told of each sortie, contact and word of a sensor, made from what it did to all particles of a run.
 
-The filter (drift.search.filter) hands over an event as it takes effect, with columns of all particles. Where the run is
-in shards these were taken down and put together; so what is told has the same bits for any number of them.
+The filter (drift.search.filter) hands over an event as it takes effect, with columns of all particles, which are gone
+through part by part. Where the run is in shards these were taken down; what is told has the same bits for any number of them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drift.motion.ensemble_spec import EnsembleSpec
-from drift.particles import weights
+from drift.particles import partials, weights
+from drift.particles.columns import Columns
 from drift.particles.ensemble import Layout
+from drift.particles.partials import Blocks
 from drift.particles.weights import Weighed
 from drift.search.crossings import Crossings
 from drift.search.records import Kind, Sortie
@@ -20,36 +22,27 @@ from drift.search.updates import Update, Updates
 from geo.array import Array
 from geo.errors import UserError
 
-# Takes an update, the log weights (n,) before and after it, and the particle of the begin from which each descends
-# (n,); None: itself.
-Noted = Callable[[Update, Array, Array, Array | None], None]
+# Takes an update, and columns of all particles: log weights `before` and `after` it and, where any has been drawn anew,
+# `lineage`, the particle of the begin from which each descends.
+Noted = Callable[[Update, Columns], None]
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something that took effect, and columns (n,) of the particles that are here, each made when it is asked for.
+    """Something that took effect, and what particles were like then.
 
-    before, after: log weights. release [s after start]. lineage: the particle of the begin from which each descends, where
-    any has been drawn anew. never: share of the time that no sortie searched it. Of a sortie also searched: the same share of
-    this one; there: whether it lay ashore, or had run aground.
+    Columns before, after: log weights. release [s after start]. lineage: the particle of the begin from which each descends,
+    where any has been drawn anew. never: share of the time that no sortie searched it, once one has. Of a sortie also
+    searched: the same share of this one; there: whether it lay ashore, or had run aground.
     """
 
     name: str
     kind: Kind
     time: np.datetime64
-    layout: Layout
-    columns: Mapping[str, Callable[[], Array]]
+    columns: Columns
     unit: float = 0.0  # log of what `after` is in units of: it belongs to the evidence, and not to the weights
     middle: float = 0.0  # of a sortie [s after start]
     certain: bool = True  # whether it is told even if it says nothing new
-
-    def column(self, name: str) -> Array | None:
-        """Return a column; None where there is none."""
-        made = self.columns.get(name)
-        return None if made is None else made()
-
-    def __getitem__(self, name: str) -> Array:
-        return self.columns[name]()
 
 
 class Account:
@@ -63,9 +56,9 @@ class Account:
         self._missed = np.ones(len(spec.scenarios) + 1)  # product of 1 - POS so far
         self._least = np.inf  # effective particles after any update
 
-    def begin(self, log_weight: Array, layout: Layout) -> None:
-        """Take down the prior, by log weights (n,)."""
-        self._prior = weights.weighed(log_weight, layout.blocks).scenarios
+    def begin(self, columns: Columns) -> None:
+        """Take down the prior, by the `log_weight` of particles."""
+        self._prior = _weighed(columns, "log_weight").scenarios
 
     def told(self, sorties: Sequence[Callable[[int], Sortie]], crossings: Crossings | None) -> Updates:
         """Return what has happened; sorties: each as it was flown, if a scenario, by number, is true."""
@@ -78,31 +71,23 @@ class Account:
 
     def take(self, event: Event) -> None:
         """Take an update down. Raises UserError where it leaves no particle any weight."""
-        before, after = event["before"], event["after"]
-        if not (event.certain or ((before > -np.inf) & (after == -np.inf)).any()):
+        columns = event.columns
+        if not event.certain and not _says_anything(columns):
             return
-        blocks, lineage, never = event.layout.blocks, event.column("lineage"), event.column("never")
-        then, now = weights.weighed(before, blocks), weights.weighed(after, blocks)
+        then, now = (_weighed(columns, name) for name in ("before", "after"))
         evidence = self._evidence(then, now, event)
-
-        def effective(log_weight: Array, weighed: Weighed) -> float:
-            """Return the effective number of particles, copies as one (drift.forecast.effective)."""
-            if lineage is None:
-                return weighed.ess
-            return weights.effective(blocks.grouped(lineage, weights.relative(log_weight)))
-
-        ess = effective(after, now)
+        ess = _effective(columns, "after", now)
         self._least = min(self._least, ess)
         update = Update(
-            event.name, event.kind, event.time, evidence, now.scenarios, effective(before, then), ess,
-            standing=standing(event.time, event["release"], blocks, after, never, self._least, self._spec.period.duration),
+            event.name, event.kind, event.time, evidence, now.scenarios, _effective(columns, "before", then), ess,
+            standing=standing(event.time, columns.named("after", "log_weight"), self._least, self._spec.period.duration),
             distinct=self.updates[-1].distinct if self.updates else 1.0,
         )  # fmt: skip
         if event.kind == "sortie":
-            update = self._found(update, event, before, after)
+            update = self._found(update, event, then.largest)
         self.updates.append(update)
         if self._noted is not None:
-            self._noted(update, before, after, lineage)
+            self._noted(update, columns)
 
     def drawn_anew(self, log_weight: Array, lineage: Array, layout: Layout, many: int) -> None:
         """Take down that particles were drawn anew after the last update: their log weights and lineage (n,).
@@ -113,20 +98,28 @@ class Account:
         ess = weights.weighed(log_weight, layout.blocks).ess
         self.updates[-1] = replace(self.updates[-1], ess_resampled=ess, distinct=distinct)
 
-    def _found(self, update: Update, event: Event, before: Array, after: Array) -> Update:
-        """Return an update with what is told of a sortie that found nothing."""
+    def _found(self, update: Update, event: Event, top: float) -> Update:
+        """Return an update with what is told of a sortie that found nothing; top: largest log weight before it."""
         pos = np.nan_to_num(-np.expm1(update.log_evidence))  # a scenario that had no weight finds nothing
         self._missed = self._missed * (1 - pos)
-        weight, alive = weights.relative(before), None
-        lost = weight - weights.relative(after, before)
-        if any(scenario.survival for scenario in self._spec.scenarios):
-            alive = self._mean(event, lost * self._alive(event), weight)
+        survival, sums = any(scenario.survival for scenario in self._spec.scenarios), []
+        names = ("before", "after", "searched", "there", "release")
+        for blocks, before, after, searched, there, release in event.columns.parts(*names):
+            weight = weights.relative(before, top)
+            lost = weight - weights.relative(after, top)
+            parts = [weight, np.maximum(weight * searched, lost), lost * there]
+            if survival:
+                parts.append(lost * self._alive(blocks, release, event.middle))
+            sums.append(blocks.partial(*parts))
+        merged = partials.merged(sums)
+        under, *over = np.concatenate([merged.by_scenario[:, 0], merged.total]).T
+        poc, ashore, *alive = (np.divide(part, under, out=np.zeros(len(under)), where=under > 0) for part in over)
         return replace(
             update,
-            poc=self._mean(event, np.maximum(weight * event["searched"], lost), weight),
+            poc=poc,
             pos=pos,
-            ashore=self._mean(event, lost * event["there"], weight),
-            alive=alive,
+            ashore=ashore,
+            alive=alive[0] if alive else None,
             cumulative=1 - self._missed,
         )
 
@@ -144,23 +137,39 @@ class Account:
             )
         return np.array([*sums, whole]) + event.unit
 
-    def _mean(self, event: Event, part: Array, weight: Array) -> Array:
-        """Return a part of the weight as a share, by scenario and of all; 0 where there is no weight."""
-        sums = event.layout.blocks.partial(part, weight)
-        over, under = np.concatenate([sums.by_scenario[:, 0], sums.total]).T
-        return np.asarray(np.divide(over, under, out=np.zeros(len(under)), where=under > 0))
-
-    def _alive(self, event: Event) -> Array:
-        """Return each particle's chance of being alive in the middle of a sortie; 1 without survival times."""
-        release, bounds = event["release"], event.layout.bounds
-        alive = np.ones(len(release))
-        for scenario, a, b in zip(self._spec.scenarios, bounds[:-1], bounds[1:], strict=True):
-            if scenario.survival:
-                alive[a:b] = scenario.survival.alive(event.middle - release[a:b])
+    def _alive(self, blocks: Blocks, release: Array, middle: float) -> Array:
+        """Return the chance of being alive in the middle of a sortie of each particle of some blocks; 1 without survival times."""
+        alive = np.ones(blocks.n)
+        for number, own in zip(blocks.scenario, blocks.spans, strict=True):
+            survival = self._spec.scenarios[number].survival
+            if survival:
+                alive[own] = survival.alive(middle - release[own])
         return alive
 
 
-def begun(spec: EnsembleSpec, log_weight: Array, release: Array, layout: Layout) -> Standing:
-    """Return how a search stands before any sortie or contact."""
-    ess = weights.weighed(log_weight, layout.blocks).ess
-    return standing(spec.period.start, release, layout.blocks, log_weight, None, ess, spec.period.duration)
+def _weighed(columns: Columns, name: str) -> Weighed:
+    """Return what is needed of a column of log weights."""
+    return weights.merged([weights.weighed(log_weight, blocks) for blocks, log_weight in columns.parts(name)])
+
+
+def _says_anything(columns: Columns) -> bool:
+    """Return whether an update takes all of its weight from any particle."""
+    parts = columns.parts("before", "after")
+    return any(((before > -np.inf) & (after == -np.inf)).any() for _, before, after in parts)
+
+
+def _effective(columns: Columns, name: str, own: Weighed) -> float:
+    """Return the effective number of particles by a column of log weights, copies as one (drift.forecast.effective)."""
+    if "lineage" not in columns:
+        return own.ess
+    runs = [
+        blocks.runs(lineage, weights.relative(log_weight, own.largest))
+        for blocks, lineage, log_weight in columns.parts("lineage", name)
+    ]
+    family, weight = (np.concatenate(column) for column in zip(*runs, strict=True))
+    return weights.effective(np.bincount(family, weight))
+
+
+def begun(spec: EnsembleSpec, columns: Columns) -> Standing:
+    """Return how a search stands before any sortie or contact, by the `log_weight` and `release` of its particles."""
+    return standing(spec.period.start, columns, _weighed(columns, "log_weight").ess, spec.period.duration)

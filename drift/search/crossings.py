@@ -8,8 +8,9 @@ import numpy as np
 
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.output import formats
-from drift.particles import weights
-from drift.particles.partials import Blocks
+from drift.particles import partials, weights
+from drift.particles.columns import Columns
+from drift.particles.weights import Unit
 from drift.search.records import Line
 from geo import notation
 from geo.array import Array
@@ -62,31 +63,47 @@ class Watched(NamedTuple):
     when: Array  # float32 (n,) [s after start] when it first did, -1: never
 
 
-def build(spec: EnsembleSpec, lines: Sequence[Watched], log_weight: Array, blocks: Blocks) -> Crossings:
-    """Return the first crossings of lines by log weights (n,) at the end of the run."""
-    weight = weights.normalised(log_weight, blocks)
-    found = [_crossing(spec, seen, blocks, weight) for seen in lines]
+def columns_of(watched: Sequence[Watched]) -> dict[str, Array]:
+    """Return what lines have seen as columns, as `build` takes them."""
+    return {column_of(k, name): getattr(seen, name) for k, seen in enumerate(watched) for name in ("stayed", "when")}
+
+
+def column_of(number: int, name: str) -> str:
+    """Return what the column of a line, by its number, is called."""
+    return f"line {number} {name}"
+
+
+def build(spec: EnsembleSpec, lines: Sequence[Line], columns: Columns) -> Crossings:
+    """Return the first crossings of lines by what they saw of particles and by their `log_weight` at the end of the run."""
+    unit = weights.unit(columns, "log_weight")
+    found = [_crossing(spec, line, number, columns, unit) for number, line in enumerate(lines)]
     edges = np.round(np.linspace(0, spec.period.duration, BINS + 1)).astype("timedelta64[s]")
     return Crossings(tuple(s.name for s in spec.scenarios), spec.period.start + edges, tuple(found))
 
 
-def _crossing(spec: EnsembleSpec, seen: Watched, blocks: Blocks, weight: Array) -> Crossing:
-    stayed, when = (column.astype(np.float64) for column in (seen.stayed, seen.when))
-    chance, square = 0.0 - np.expm1(stayed), weight**2  # no crossing is told as -0
-    values = weight, weight * chance, square, square * chance, square * chance**2
-    sums = blocks.partial(*values)
+def _crossing(spec: EnsembleSpec, line: Line, number: int, columns: Columns, unit: Unit) -> Crossing:
+    told, drawn = [], []
+    names = (column_of(number, name) for name in ("stayed", "when"))
+    for blocks, log_weight, *seen in columns.parts("log_weight", *names):
+        stayed, when = (column.astype(np.float64) for column in seen)
+        weight, chance = unit.shares(log_weight), 0.0 - np.expm1(stayed)  # no crossing is told as -0
+        square = weight**2
+        told.append(blocks.partial(weight, weight * chance, square, square * chance, square * chance**2))
+        # Times are drawn: they say how the probability is spread, and the probability itself how much there is.
+        share = np.minimum(when / spec.period.duration * PARTS * BINS, PARTS * BINS - 1)
+        bins = np.where(when < 0, PARTS * BINS, share).astype(np.int64)
+        drawn.append(blocks.partial(weight, code=bins, many=PARTS * BINS + 1))
+    sums = partials.merged(told)
     total, hit, squares, cross, both = np.concatenate([sums.by_scenario[:, 0], sums.total]).T
     probability = _ratio(hit, total)
     spread = both - 2 * probability * cross + probability**2 * squares
     error = _ratio(np.sqrt(np.maximum(spread, 0.0)), total)
-    # Times are drawn: they say how the probability is spread, and the probability itself how much there is.
-    bins = np.where(when < 0, PARTS * BINS, np.minimum(when / spec.period.duration * PARTS * BINS, PARTS * BINS - 1))
-    drawn = blocks.partial(weight, code=bins.astype(np.int64), many=PARTS * BINS + 1)
-    spread_out = np.concatenate([drawn.by_scenario[:, :-1, 0], drawn.total[None, :-1, 0]])
+    first_times = partials.merged(drawn)
+    spread_out = np.concatenate([first_times.by_scenario[:, :-1, 0], first_times.total[None, :-1, 0]])
     share = _ratio(spread_out, spread_out.sum(axis=1)[:, None])
     mass = (share * probability[:, None]).reshape(-1, BINS, PARTS).sum(axis=2)
     first = np.stack([_times(spec, row) for row in share])
-    return Crossing(seen.line, probability, error, first, mass)
+    return Crossing(line, probability, error, first, mass)
 
 
 def _ratio(over: Array, under: Array) -> Array:

@@ -10,7 +10,7 @@ The ensemble may be a shard of a run. What it does to a particle it makes of tha
 them it asks of its meeting (drift.search.meeting), and what is told of an update is made elsewhere (drift.search.account).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -21,6 +21,7 @@ from drift.motion.scene import Begin, Scene
 from drift.motion.simulate import PositionsAt
 from drift.particles import ensemble as record
 from drift.particles import life, weights
+from drift.particles.columns import Columns
 from drift.particles.ensemble import Ensemble
 from drift.particles.status import STRANDED, Status, on_map
 from drift.search import contacts as contact_laws
@@ -107,7 +108,7 @@ class Search:
         self._happened = False  # whether anything took effect in the present step
         if meeting is None:
             self._account = Account(spec, noted)
-            self._account.begin(first, ensemble.layout)
+            self._account.begin(Columns.held(ensemble.blocks, {"log_weight": first}))
             meeting = Alone(self._account, Redrawing(spec.seed, resampling, living(ensemble)))
         self._meeting = meeting
 
@@ -115,14 +116,18 @@ class Search:
     def updates(self) -> Updates:
         """What has happened so far, with sorties as they were flown."""
         flown = [partial(sortie.as_flown, start=self._start) for sortie in self._all]
-        lines = self.watched
-        now, blocks = self.ensemble.log_weight.to_numpy(), self.ensemble.blocks
-        return self._account.told(flown, crossings.build(self._spec, lines, now, blocks) if lines else None)
+        crossed, lines = None, self.watched
+        if lines:
+            columns = {"log_weight": self.ensemble.log_weight.to_numpy(), **crossings.columns_of(lines)}
+            crossed = crossings.build(
+                self._spec, [seen.line for seen in lines], Columns.held(self.ensemble.blocks, columns)
+            )
+        return self._account.told(flown, crossed)
 
     @property
-    def unsearched(self) -> Array:
-        """Log weights by all that was seen, as if no sortie had been flown, float64 (n,)."""
-        return self._held["unsearched"].values
+    def unsearched(self) -> Columns:
+        """Log weights of that name by all that was seen, as if no sortie had been flown, float64."""
+        return Columns.held(self.ensemble.blocks, {"unsearched": self._held["unsearched"].values})
 
     @property
     def watched(self) -> list[Watched]:
@@ -259,7 +264,7 @@ class Search:
         there = np.isin(life.read(self.ensemble).at(flown.end), STRANDED)
         self._note(
             sortie.name, "sortie", sortie.end, before, self.ensemble.log_weight.to_numpy(),
-            {"searched": lambda: searched, "there": lambda: there}, middle=0.5 * (flown.begin + flown.end),
+            {"searched": searched, "there": there}, middle=0.5 * (flown.begin + flown.end),
         )  # fmt: skip
 
     def _see(self, contact: Contact, number: int, time: int, place: PositionsAt) -> None:
@@ -312,7 +317,7 @@ class Search:
         unit: log of what the likelihood is in units of; certain: whether it is told even if it says nothing new.
         """
         if positive:
-            self._held["unsearched"].values = self.unsearched + likelihood
+            self._held["unsearched"].values = self._held["unsearched"].values + likelihood
         before = self.ensemble.log_weight.to_numpy()
         after = before + likelihood
         self.ensemble.log_weight.from_numpy(after.astype(np.float32))
@@ -320,14 +325,13 @@ class Search:
 
     def _note(
         self, name: str, kind: Kind, time: np.datetime64, before: Array, after: Array,
-        more: Mapping[str, Callable[[], Array]], *, unit: float = 0.0, middle: float = 0.0, certain: bool = True,
+        more: Mapping[str, Array], *, unit: float = 0.0, middle: float = 0.0, certain: bool = True,
     ) -> None:  # fmt: skip
         """Hand an update over, with the log weights (n,) before and after it."""
-        held = {key: self._held[key].to_numpy for key in list[str](("lineage", "never")) if key in self._held}
-        columns = {"before": lambda: before, "after": lambda: after, "release": self.ensemble.release.to_numpy}
-        self._meeting.take(
-            Event(name, kind, time, self.ensemble.layout, {**columns, **held, **more}, unit, middle, certain)
-        )
+        held = {key: self._held[key].values for key in list[str](("lineage", "never")) if key in self._held}
+        own = {"before": before, "after": after, "release": self.ensemble.release.to_numpy()}
+        columns = Columns.held(self.ensemble.blocks, {**own, **held, **more})
+        self._meeting.take(Event(name, kind, time, columns, unit, middle, certain))
         self._happened = True
 
     def log_weight(self, time: int) -> Array:
@@ -374,7 +378,7 @@ class Search:
         e = self.ensemble
         every = [e, *(beside.ensemble for beside in self._debris.values())]
         with np.errstate(invalid="ignore"):  # spare slots have no weight before or after
-            own = self.unsearched - e.log_weight.to_numpy() + drawn.log_weight
+            own = self._held["unsearched"].values - e.log_weight.to_numpy() + drawn.log_weight
         self._held["unsearched"].values = np.where(drawn.log_weight > -np.inf, own, -np.inf)
         for name in ("lineage", "ancestors"):
             self._held.setdefault(name, OnHost(drawn.ancestors.astype(np.int32)))

@@ -98,7 +98,8 @@ def moved(client: Any, kept: Work, units: Sequence[Task], tell: Callable[[float]
         return
     check(client, kept.folder)
     tasks = [client.submit(worker.move, str(kept.folder), unit, pure=False, retries=0) for unit in units]
-    for done, _ in enumerate(_each(client, tasks, lambda: f"{kept.folder}: {kept.kept}"), 1):
+    for done, task in enumerate(_each(client, tasks, lambda: f"{kept.folder}: {kept.kept}"), 1):
+        kept.sound.add(task.result())  # the worker has just taken its digest
         tell(done)
 
 

@@ -1,7 +1,6 @@
 """A run in shards: each is moved, or read where it is finished; then all are one run again."""
 
 import contextlib
-import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -12,8 +11,8 @@ from drift import start
 from drift.job import Job, Report
 from drift.motion import prior
 from drift.motion.spool import Reel, Spool
+from drift.particles import weights
 from drift.particles.ensemble import Layout
-from drift.particles.weights import Weighed
 from drift.posterior.records import Posteriors
 from drift.search import meeting
 from drift.search.account import Noted
@@ -22,7 +21,7 @@ from drift.search.standing import Standing
 from drift.search.updates import Updates
 from drift.shards import cluster, fingerprint, stretch, work
 from drift.shards.divide import Divided
-from drift.shards.told import Told, together
+from drift.shards.told import Told, columns, together
 from drift.shards.unit import From, Unit
 from drift.shards.work import LOG, Gone, Work
 from geo.errors import UserError
@@ -67,7 +66,8 @@ def moved(job: Job, run: Divided, noted: Noted | None) -> Iterator[Moved]:
             way, told = _all(job, run, kept, noted)
         last = way.stretches[-1]
         with Spool(way.stretches) as spool:
-            unsearched = together(last, "unsearched") if "unsearched" in last[0].notes else None
+            blocks = way.layout.blocks
+            unsearched = columns(last, blocks, ["unsearched"]) if "unsearched" in last[0].notes else None
             with _dropped_if_refused(kept):
                 start.check_end(case, job.where, run.setup, spool, unsearched)
             posteriors = told.beliefs.posteriors if told.beliefs else None
@@ -160,7 +160,7 @@ def _go_on(job: Job, run: Divided, kept: Work, way: _Way, units: Sequence[Unit],
         way.since = From(result.since, tuple(states))
     if result.contact is not None:
         weighed = {
-            name: merged(
+            name: weights.merged(
                 [stretch.weighed(reel, name, unit.layout.blocks) for reel, unit in zip(reels, units, strict=True)]
             )
             for name in ("before", "after")
@@ -200,8 +200,3 @@ def _drawn_anew(job: Job, run: Divided, kept: Work, way: _Way, told: Told, since
     way.layout = layout if bounds == layout.bounds else Layout(bounds, bounds[:-1], layout.block)
     told.account.drawn_anew(reel.noted("log_weight"), reel.noted("lineage"), way.layout, sum(target))
     return replace(since, drawn=name)
-
-
-def merged(parts: Sequence[Weighed]) -> Weighed:
-    """Return what is needed of the weights of the particles of all shards."""
-    return functools.reduce(Weighed.merge, parts)

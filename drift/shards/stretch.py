@@ -20,6 +20,7 @@ from drift.particles.partials import Blocks, Partial
 from drift.particles.weights import Weighed
 from drift.posterior.quantities import QUANTITIES
 from drift.posterior.source import Particles
+from drift.search import crossings
 from drift.search.account import Event
 from drift.search.filter import Search
 from drift.search.meeting import Drawn
@@ -90,10 +91,10 @@ class Stretch:
     def take(self, event: Event) -> None:
         """Take down an event."""
         number = len(self._events)
-        for name in event.columns:
-            self._reel.note(f"{number} {name}", event[name])
+        for name in event.columns.read:
+            self._reel.note(f"{number} {name}", event.columns.whole(name))
         self._values(str(number))
-        told = {"name": event.name, "kind": event.kind, "time": str(event.time), "columns": list(event.columns)}
+        told = {"name": event.name, "kind": event.kind, "time": str(event.time), "columns": list(event.columns.read)}
         self._events.append({**told, "unit": event.unit, "middle": event.middle, "certain": event.certain})
 
     def mean(self, contact: int, before: Weighed, after: Weighed) -> float:
@@ -117,10 +118,9 @@ class Stretch:
     def over(self) -> None:
         """Take down what is told of the end of the run."""
         if self.search is not None:
-            self._reel.note("unsearched", self.search.unsearched)
-            for number, line in enumerate(self.search.watched):
-                self._reel.note(f"line {number} stayed", line.stayed)
-                self._reel.note(f"line {number} when", line.when)
+            self._reel.note("unsearched", self.search.unsearched.whole("unsearched"))
+            for name, column in crossings.columns_of(self.search.watched).items():
+                self._reel.note(name, column)
             for number, marker in enumerate(self.search.markers):
                 self._reel.note(f"marker {number}", marker.way.ravel())
         self.ended(Result(self.since))
@@ -142,10 +142,10 @@ class Stretch:
     def _values(self, of: str) -> None:
         """Take down what particles have of the quantities of which posteriors are told."""
         for quantity in QUANTITIES:
-            found = self._read.values(quantity) if self._read else None
+            found = self._read.columns(quantity) if self._read else None
             if found is not None:
-                self._reel.note(f"{of} {quantity.name} values", found.values)
-                self._reel.note(f"{of} {quantity.name} holds", found.holds)
+                for name in found.read:
+                    self._reel.note(f"{of} {quantity.name} {name}", found.whole(name))
 
 
 def events(reel: Reel) -> list[dict[str, Any]]:

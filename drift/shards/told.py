@@ -1,9 +1,9 @@
 """What is told of a run in shards, made from what was taken down of all of them, stretch after stretch.
 
-It is made of whole columns, by what makes it of a run in one piece: so it has the same bits.
+It is made part by part, by what makes it of a run in one piece: so it has the same bits.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -11,13 +11,13 @@ import numpy as np
 from drift import start
 from drift.case.record import Case
 from drift.motion.spool import Reel
+from drift.particles.columns import Columns
 from drift.particles.ensemble import Layout
 from drift.particles.partials import Blocks
 from drift.posterior.beliefs import Beliefs
 from drift.posterior.quantity import Quantity, Values
 from drift.search import account, crossings
 from drift.search.account import Account, Event, Noted
-from drift.search.crossings import Watched
 from drift.search.filter import exposures
 from drift.search.standing import Standing
 from drift.search.updates import Updates
@@ -30,14 +30,14 @@ class _TakenDown:
     """Particles as they were at an event: a drift.posterior.source.Source."""
 
     def __init__(self, reels: Sequence[Reel], of: str, blocks: Blocks) -> None:
-        self._reels, self._of, self.blocks = reels, of, blocks
+        self._reels, self._of, self._blocks = reels, of, blocks
 
-    def values(self, quantity: Quantity) -> Values | None:
+    def columns(self, quantity: Quantity) -> Columns | None:
         """Return what they have of a quantity; None: none has it."""
-        name = f"{self._of} {quantity.name}"
-        if f"{name} values" not in self._reels[0].notes:
+        own = [f"{self._of} {quantity.name} {name}" for name in Values._fields]
+        if own[0] not in self._reels[0].notes:
             return None
-        return Values(together(self._reels, f"{name} values"), together(self._reels, f"{name} holds"))
+        return columns(self._reels, self._blocks, dict(zip(Values._fields, own, strict=True)))
 
 
 class Told:
@@ -48,23 +48,22 @@ class Told:
         self._case, self._setup = case, setup
         self.beliefs: Beliefs | None = None
         self.begun: Standing | None = None
-        log_weight = together(reels, "log_weight") if start.is_told(case) else None
-        if log_weight is not None and start.is_believed(case):
-            self.beliefs = Beliefs(setup.spec, log_weight, _TakenDown(reels, "begin", layout.blocks))
+        begin = columns(reels, layout.blocks, ("log_weight", "release")) if start.is_told(case) else None
+        if begin is not None and start.is_believed(case):
+            self.beliefs = Beliefs(setup.spec, begin, _TakenDown(reels, "begin", layout.blocks))
         self.account = Account(setup.spec, start.noting(self.beliefs, noted))
-        if log_weight is not None:
-            self.account.begin(log_weight, layout)
-        if log_weight is not None and start.is_standing(case):
-            self.begun = account.begun(setup.spec, log_weight, together(reels, "release"), layout)
+        if begin is not None:
+            self.account.begin(begin)
+        if begin is not None and start.is_standing(case):
+            self.begun = account.begun(setup.spec, begin)
 
     def take(self, reels: Sequence[Reel], layout: Layout) -> None:
         """Tell what took effect in a stretch; layout: of the whole run."""
         for number, event in enumerate(stretch.events(reels[0])):
-            columns = {name: partial(together, reels, f"{number} {name}") for name in event.pop("columns")}
             if self.beliefs is not None:
                 self.beliefs.source = _TakenDown(reels, str(number), layout.blocks)
-            time = np.datetime64(event.pop("time"))
-            self.account.take(Event(**event, time=time, layout=layout, columns=columns))
+            own = columns(reels, layout.blocks, {name: f"{number} {name}" for name in event["columns"]})
+            self.account.take(Event(**{**event, "time": np.datetime64(event["time"]), "columns": own}))
 
     def updates(self, reels: Sequence[Reel], layout: Layout) -> Updates | None:
         """Return all updates of a run whose last stretch is over; None: nothing was searched or seen."""
@@ -75,18 +74,39 @@ class Told:
         markers = [marker for sortie in flown for marker in sortie.markers]
         for number, marker in enumerate(markers):
             marker.go_on(reels[0].noted(f"marker {number}").reshape(-1, 3))
-        lines = [
-            Watched(line, *(together(reels, f"line {number} {name}") for name in ("stayed", "when")))
-            for number, line in enumerate(case.sensors.lines)
-        ]
         crossed = None
-        if lines:
-            end = np.concatenate([reel.read("log_weight", None, 0, reel.n) for reel in reels])
-            crossed = crossings.build(spec, lines, end, layout.blocks)
+        if case.sensors.lines:
+            names = [name for name in reels[0].notes if name.startswith("line ")]
+            seen = columns(reels, layout.blocks, names) | at_end(reels, layout.blocks)
+            crossed = crossings.build(spec, case.sensors.lines, seen)
         as_flown = [partial(sortie.as_flown, start=spec.period.epoch) for sortie in flown]
         return self.account.told(as_flown, crossed)
+
+
+def columns(reels: Sequence[Reel], blocks: Blocks, names: Mapping[str, str] | Sequence[str]) -> Columns:
+    """Return columns of all particles, as they were taken down of each shard; names: under which, by their own."""
+    own = names if isinstance(names, Mapping) else {name: name for name in names}
+    return Columns(
+        blocks, {name: partial(_some, reels, partial(Reel.noted, name=noted)) for name, noted in own.items()}
+    )
+
+
+def at_end(reels: Sequence[Reel], blocks: Blocks) -> Columns:
+    """Return the `log_weight` of all particles at the end of the run."""
+    return Columns(blocks, {"log_weight": partial(_some, reels, partial(Reel.read, name="log_weight", at=None))})
 
 
 def together(reels: Sequence[Reel], name: str) -> Array:
     """Return a column of all particles (n,), as it was taken down of each shard."""
     return np.concatenate([reel.noted(name) for reel in reels])
+
+
+def _some(reels: Sequence[Reel], read: Callable[..., Array], first: int, last: int) -> Array:
+    """Return a column of some slots of the run, whose shards come one after another; read: gives it of slots of a reel."""
+    found, begin = [], 0
+    for reel in reels:
+        a, b = max(first - begin, 0), min(last - begin, reel.n)
+        if a < b:
+            found.append(read(reel, first=a, last=b))
+        begin += reel.n
+    return found[0] if len(found) == 1 else np.concatenate(found)

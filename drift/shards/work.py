@@ -14,7 +14,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -71,6 +71,7 @@ class Work:
     """What is finished of a run."""
 
     folder: Path
+    sound: set[str] = field(default_factory=set)  # files whose bytes are known to be as they were written
 
     def reel(self, name: str, n: int, fill: Callable[[Reel], None], of: str = "") -> Reel:
         """Return the reel of a file, read where it is finished, else filled and kept; n: its particles.
@@ -107,6 +108,7 @@ class Work:
             return
         with self._room(data):
             _replace(self._index(name), json.dumps({**_index(reel), "of": of, "digest": _digest(data)}))
+        self.sound.add(name)
 
     def read(self, name: str) -> Reel:
         """Return the reel of a file that was finished before; raise Gone where it is not there, or has been altered."""
@@ -117,6 +119,7 @@ class Work:
 
     def remove(self, name: str) -> None:
         """Take away a file of which nothing is needed any more."""
+        self.sound.discard(name)
         self._index(name).unlink(missing_ok=True)
         self._data(name).unlink(missing_ok=True)
 
@@ -141,6 +144,7 @@ class Work:
 
     def begin_anew(self) -> None:
         """Take away all that is finished of what moves."""
+        self.sound.clear()
         for kind in KINDS_OF_FILES:
             for path in self.folder.glob(f"{kind}-*"):
                 path.unlink()
@@ -171,7 +175,10 @@ class Work:
             index = json.loads(self._index(name).read_text(encoding="utf-8"))
             if index["of"] != of:
                 why = "is of other worlds"
-            elif _digest(data) == index["digest"]:
+            elif data.stat().st_size != index["size"]:
+                why = "has been cut short"
+            elif name in self.sound or _digest(data) == index["digest"]:
+                self.sound.add(name)
                 return _read(data, index)
             else:
                 why = "has been altered"
@@ -330,6 +337,7 @@ def _index(reel: Reel) -> dict[str, Any]:
     layout = reel.taken[0].layout if reel.taken else None
     return {
         "n": reel.n,
+        "size": reel.size,
         "layout": [layout.bounds, layout.numbers, layout.block] if layout else None,
         "times": [str(taken.time) for taken in reel.taken],
         "where": [taken.where for taken in reel.taken],

@@ -36,14 +36,14 @@ def about(folder: str = "") -> dict[str, str]:
         }
 
 
-def move(folder: str, unit: work.Task) -> int:
-    """Move a shard, keep it in the run's folder, and return its number."""
+def move(folder: str, unit: work.Task) -> str:
+    """Move a shard, keep it in the run's folder, and return its name there."""
     with runtime.alone():
         where, scene = _opened(unit.case)
         kept = work.Work(Path(folder))
         environment.store(where, kept.forcing)
         unit.move(scene, where, None, kept)
-    return unit.number
+    return unit.name
 
 
 def begun(case: Case, clock: Clock, layout: Layout) -> divide.Begun:

@@ -13,6 +13,7 @@ from drift.motion import models, prior, simulate
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.scenario import Scenario
 from drift.particles import ensemble as record
+from drift.particles import weights
 from drift.particles.ensemble import Ensemble, Layout
 from drift.particles.partials import BLOCK
 from drift.particles.status import Status
@@ -104,7 +105,7 @@ def test_a_shard_moves_as_within_the_whole(begun: tuple[start.Start, EnsembleSpe
                 assert np.array_equal(getattr(mine, name), np.concatenate([values[a:b] for a, b in part])), name
     # and what shards know of their weights makes what the whole knows, whoever comes first
     sums = [record.weighed(own) for _, own, _ in alone]
-    merged, all_ = sums[2].merge(sums[0]).merge(sums[1]), record.weighed(begin.ensemble)
+    merged, all_ = weights.merged([sums[2], sums[0], sums[1]]), record.weighed(begin.ensemble)
     assert np.array_equal(merged.log_sums, all_.log_sums)
     assert (merged.log_sum, merged.ess) == (all_.log_sum, all_.ess)
 

@@ -9,8 +9,7 @@ import pytest
 from scipy import special
 
 from drift.particles import partials, weights
-from drift.particles.partials import BLOCK, Blocks, Partial
-from drift.particles.weights import Weighed
+from drift.particles.partials import BLOCK, Blocks
 
 RNG = np.random.default_rng(11)
 SIZES = (3 * BLOCK + 17, 2, 2 * BLOCK, 5 * 96 + 40)  # of four scenarios, the last cut into blocks of 96
@@ -37,13 +36,6 @@ def shards(seed: int, many: int) -> list[tuple[Blocks, np.ndarray]]:
     return [result[i] for i in random.permutation(many)]
 
 
-def merged(parts: list[Partial] | list[Weighed]) -> Partial | Weighed:
-    first = parts[0]
-    for other in parts[1:]:
-        first = first.merge(other)  # type: ignore[arg-type]
-    return first
-
-
 def test_blocks_are_of_one_scenario_and_no_longer_than_asked() -> None:
     ends = np.append(WHOLE.first[1:], N)
     assert WHOLE.first.tolist() == [
@@ -63,12 +55,9 @@ def test_no_cut_changes_a_bit(many: int) -> None:
     code = RNG.integers(0, 5, N)
     for seed in range(3):
         parts = shards(seed, many)
-        both = merged([blocks.partial(values[slots], weight[slots]) for blocks, slots in parts])
-        coded = merged([blocks.partial(values[slots], code=code[slots], many=5) for blocks, slots in parts])
-        sums = merged([weights.weighed(log_weight[slots], blocks) for blocks, slots in parts])
-        assert isinstance(both, Partial)
-        assert isinstance(coded, Partial)
-        assert isinstance(sums, Weighed)
+        both = partials.merged([blocks.partial(values[slots], weight[slots]) for blocks, slots in parts])
+        coded = partials.merged([blocks.partial(values[slots], code=code[slots], many=5) for blocks, slots in parts])
+        sums = weights.merged([weights.weighed(log_weight[slots], blocks) for blocks, slots in parts])
         for one, other in ((both, WHOLE.partial(values, weight)), (coded, WHOLE.partial(values, code=code, many=5))):
             assert np.array_equal(one.by_scenario, other.by_scenario)
             assert np.array_equal(one.total, other.total)

@@ -234,7 +234,7 @@ def test_weights_as_if_no_sortie_had_been_flown_hold_what_was_seen(tmp_path):
     case = load(tmp_path, FLOW, contacts=(fix,))
     seen, both = (run(dataclasses.replace(case, sorties=s))[:2] for s in ((), (flown("square", track, Law(), 900.0),)))
     expected = seen[1].log_weight.to_numpy().astype(np.float64)
-    found = both[0].unsearched
+    found = both[0].unsearched.whole("unsearched")
     np.testing.assert_allclose(found - found.max(), expected - expected.max(), atol=1e-5)
     assert np.ptp(expected) > 1
     assert np.ptp(both[1].log_weight.to_numpy() - expected) > 0.5
