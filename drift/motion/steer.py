@@ -3,6 +3,7 @@
 docs/targets.md; the kernel is kernels.steer.
 """
 
+import weakref
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -89,8 +90,15 @@ class Helm:
         self._ensemble, self._steering, self._domain = ensemble, steering, domain
         self._coast = coast if any(own and own.land != "ignore" for own in steering.itineraries) else None
         self._parts: dict[tuple[int, ...], Helm] = {}
-        self._whole = whole or self  # of which it is a part
+        self._of = weakref.ref(whole or self)  # a cycle of these would keep the columns until garbage is collected
         self._noted = False  # whether the pieces of way of the step last kept are in the room
+
+    @property
+    def _whole(self) -> "Helm":
+        """What it is a part of, which outlives it."""
+        whole = self._of()
+        assert whole is not None
+        return whole
 
     @cached_property
     def _move(self) -> kernel.Move:

@@ -101,6 +101,7 @@ class Unit:
                 reel.record(case.period, moments)
                 reel.end_with(ensemble)
                 told.over()
+            told.search = None  # they know of each other: the memory of both would wait for the garbage collector
 
 
 def state_of(number: int, stretch: int) -> str:

@@ -1,8 +1,10 @@
 """A search in shards tells and writes what it does in one piece, also where its particles have to meet on the way."""
 
+import gc
 import logging
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,8 @@ import shards as runs
 import drift
 from drift import flow
 from drift.case import said
+from drift.particles.ensemble import Ensemble
+from drift.search.filter import Search
 from drift.shards import unit, work
 
 # Two ways that steer and one that drifts, of blocks of its own each; every kind of sensor; contacts that are certain,
@@ -312,3 +316,34 @@ def test_a_case_changed_in_python_is_another(tmp_path: Path) -> None:
     assert fewer.text == case.text
     assert said.digest(fewer) != said.digest(case)
     assert said.digest(drift.load(case.path)) == said.digest(case)
+
+
+@pytest.mark.parametrize("text", [STEERED, runs.CASE + runs.SEARCHED], ids=["steered", "searched"])
+def test_a_shard_that_is_done_leaves_nothing_in_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    """Its columns go with it, and do not wait for the garbage collector, which does not see how large they are."""
+    (tmp_path / "land.geojson").write_text(runs.SHORE)
+    (tmp_path / "case.toml").write_text(text)
+    left = []
+    move = unit.Unit.move
+
+    def alive() -> int:
+        return sum(isinstance(what, Ensemble | Search) for what in gc.get_objects())
+
+    def moved(self: unit.Unit, *rest: Any) -> Any:
+        before = alive()
+        reel = move(self, *rest)
+        left.append(alive() - before)
+        return reel
+
+    monkeypatch.setattr(unit.Unit, "move", moved)
+    monkeypatch.setattr(flow, "made", lambda job, run: None)
+    gc.collect()
+    gc.disable()
+    try:
+        drift.run(drift.load(tmp_path / "case.toml"), shards=3)
+    finally:
+        gc.enable()
+    assert len(left) > 6
+    assert not any(left)
