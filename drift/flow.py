@@ -43,7 +43,7 @@ from drift.search import tables as search_tables
 from drift.search.account import Noted
 from drift.search.standing import Standing
 from drift.search.updates import Updates
-from drift.shards import cluster, divide, spilled, work
+from drift.shards import cluster, divide, fingerprint, spilled, work
 from drift.shards import run as shards_run
 from drift.spill import chapter as spill_chapter
 from drift.spill import evidence, renewal
@@ -126,7 +126,8 @@ def run(
     job = opened(case, Options(out, datasets, threads, backend, overwrite or resume, report, memory, shards, client))
     if resume and _stands(job):
         assert job.out is not None
-        work.clear(job.out)  # where the run was killed after its results stood
+        if work.unfinished(job.out):  # it was killed after its results stood, or another run was
+            work.clear(job.out, fingerprint.of(case, job.where, 1))
         return None
     result = forecasted(job)
     write(result, job)
@@ -187,20 +188,26 @@ def forecasted(job: Job, noted: Noted | None = None) -> Result:
 
 
 def _shards(job: Job) -> int:
-    """Return into how many shards a job's run is cut: as the one before was, if it goes on from there."""
+    """Return into how many shards a job's run is cut: as the one before was, if it goes on from there and that fits."""
     workers = None if job.client is None else cluster.workers_of(job.client)
     many = divide.number(job.case, job.memory, job.shards, workers)
-    return many if job.shards else work.begun(job.out) or many
+    if job.shards or job.out is None or not work.unfinished(job.out):
+        return many
+    before = work.begun(job.out, fingerprint.of(job.case, job.where, many)) or many
+    return before if job.memory is None else max(before, many)
 
 
 def _in_shards(job: Job, many: int, stack: contextlib.ExitStack, noted: Noted | None) -> Ended:
     """Return a job's run, moved in shards; its particles can be read as long as the stack is open."""
     with job.clock.phase("start"):
-        deal = None if job.client is None else partial(cluster.begun, job.client, job.case)
+        mark = fingerprint.of(job.case, job.where, many)
+        if job.client is not None:
+            stack.callback(cluster.release, job.client)
+        deal = None if job.client is None else partial(cluster.begun, job.client, job.case, mark)
         whole = divide.prepare(job.case, job.where, many, deal)
     stack.enter_context(contextlib.closing(whole.setup.scene.forcing))
     with job.clock.phase("drift"):
-        done = stack.enter_context(shards_run.moved(job, whole, noted))
+        done = stack.enter_context(shards_run.moved(job, whole, mark, noted))
     return Ended(whole.setup, done.snapshots, done.updates, done.posteriors, begun=done.begun)
 
 
@@ -211,6 +218,8 @@ def _spilled(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:
         run = spilled.prepare(case, where, many)
         stack.enter_context(contextlib.closing(run.setup.scene.forcing))
         stretches = start.stretches(case, where, run.worlds)
+    if job.client is not None:
+        stack.callback(cluster.release, job.client)
     rounds = stack.enter_context(spilled.opened(job, run))
 
     def moved(drawn: Worlds, seed: int, number: int) -> Drifted:

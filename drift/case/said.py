@@ -10,11 +10,19 @@ import numpy as np
 from drift.case.record import Case
 
 NAMES = ("path", "inputs", "tables")  # where its files lie changes no result; tables are what the rest was made of
+# What stands in results, or is made of particles that have been moved.
+MADE_AFTER = ("title", "text", "about", "areas", "grid", "trajectories", "opens", "expect")
 
 
-def digest(case: Case) -> str:
-    """Return the digest of all that a case says; its files count by their names, wherever they lie."""
-    all_of_it = {field.name: getattr(case, field.name) for field in dataclasses.fields(case) if field.name not in NAMES}
+def digest(case: Case, *, moves: bool = False) -> str:
+    """Return the digest of all that a case says; its files count by their names, wherever they lie.
+
+    moves: of what decides on how particles move and weigh, and of nothing that is made of them afterwards.
+    """
+    left_out = NAMES + MADE_AFTER if moves else NAMES
+    all_of_it = {
+        field.name: getattr(case, field.name) for field in dataclasses.fields(case) if field.name not in left_out
+    }
     return hashlib.sha256(_words(all_of_it, frozenset(case.inputs)).encode()).hexdigest()
 
 

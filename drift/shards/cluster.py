@@ -1,21 +1,27 @@
 """Shards as tasks of a dask.distributed cluster: a local one, or one that stands already."""
 
+import asyncio
 import contextlib
 import importlib
 import logging
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any
 
 from drift.case.record import Case
 from drift.motion.clock import Clock
 from drift.particles.ensemble import Layout
-from drift.shards import machine, worker
+from drift.shards import fingerprint, worker
 from drift.shards.divide import Begun
 from drift.shards.work import Task, Work
 from geo.errors import UserError
 
 PATIENCE = 20  # [s] to wait for a cluster to answer
+WAIT = 900  # [s] to wait for a first worker, or for another where all are lost: queues take their time
+LOOK, POLL = 10, 0.05  # [s] between looks whether there are workers, and whether a shard is done
+LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
 
 
 @contextlib.contextmanager
@@ -33,9 +39,10 @@ def connected(workers: int | None, address: str | None) -> Iterator[Any]:
         raise UserError(f"--workers {workers} must be at least 1")
     distributed = _dask()
     with contextlib.ExitStack() as stack:
-        log = logging.getLogger("distributed")  # what goes wrong is told in a line
-        stack.callback(log.setLevel, log.level)
-        log.setLevel(logging.CRITICAL)
+        for name in [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]:
+            log = logging.getLogger(name)  # what goes wrong is told in a line
+            stack.callback(log.setLevel, log.level)
+            log.setLevel(logging.CRITICAL)
         if workers is not None:
             local = distributed.LocalCluster(
                 n_workers=workers,
@@ -61,8 +68,18 @@ def _dask() -> Any:
 
 
 def workers_of(client: Any) -> int:
-    """Return how many workers a cluster has."""
-    return len(client.nthreads())
+    """Return how many workers a cluster has, once it has any: jobs of a queue take their time to begin.
+
+    Raises UserError where none comes.
+    """
+    with _answered(lambda: "nothing is kept yet"):
+        status = getattr(client, "status", f"no dask.distributed.Client ({client!r})")
+        if status != "running":
+            raise UserError(f"the client is {status}; give one that is open")
+        if not client.nthreads():
+            LOG.warning("the cluster has no workers yet; the first is waited for")
+        _first(client, "the cluster has no workers; start some")
+        return len(client.nthreads())
 
 
 def check(client: Any, folder: Path | None = None) -> None:
@@ -72,60 +89,97 @@ def check(client: Any, folder: Path | None = None) -> None:
     """
     if worker.process() in client.run(worker.process).values():
         raise UserError("the cluster's workers are threads of this process; begin it with processes=True")
-    own = {**machine.versions(), "its arithmetic": machine.arithmetic()}
-    found = client.run(worker.about, str(folder or ""))
-    if not found:
-        raise UserError("the cluster has no workers; start some")
-    for address, other in sorted(found.items()):
+    own = fingerprint.of_machine()
+    for address, other in sorted(client.run(worker.about, str(folder.absolute()) if folder else "").items()):
         if other.pop("folder") != "True":
             raise UserError(
                 f"worker {address} does not see {folder}: name a folder with --out that all machines of the cluster share"
             )
         if differs := [name for name in own if own[name] != other.get(name)]:
             raise UserError(
-                f"worker {address}: {differs[0]} is {other.get(differs[0])}, here it is {own[differs[0]]}: results would not be "
+                f"worker {address}: {differs[0]}: {other.get(differs[0])}; here: {own[differs[0]]}: results would not be "
                 "the same everywhere; install the same versions, and use machines of one kind"
             )
 
 
-def moved(client: Any, kept: Work, units: Sequence[Task], tell: Callable[[float], None]) -> None:
-    """Have the workers move shards, which they keep in the run's folder; tell: takes how many are done.
+def moved(
+    client: Any, kept: Work, mark: Mapping[str, str], units: Sequence[Task], tell: Callable[[float], None]
+) -> None:
+    """Have the workers move shards, which they keep in the run's folder.
 
-    A worker that is lost costs the shards under way on it, which others do again. Raises UserError where the cluster is
-    lost, or a shard fails on one worker after another.
+    mark: the run's fingerprint, which workers hold against what they see themselves. tell: takes how many are done. A
+    worker that is lost costs the shards under way on it, which others do again. Raises UserError where the cluster is lost,
+    or a shard fails on one worker after another.
     """
     if not units:
         return
-    check(client, kept.folder)
-    tasks = [client.submit(worker.move, str(kept.folder), unit, pure=False, retries=0) for unit in units]
-    for done, task in enumerate(_each(client, tasks, lambda: f"{kept.folder}: {kept.kept}"), 1):
-        kept.sound.add(task.result())  # the worker has just taken its digest
-        tell(done)
+    told = lambda: f"{kept.folder}: {kept.kept}"  # noqa: E731
+    with _answered(told):
+        check(client, kept.folder)
+        folder, given = str(kept.folder.absolute()), client.scatter(dict(mark), broadcast=True, hash=False)
+        tasks = [client.submit(worker.move, folder, given, unit, pure=False, retries=0) for unit in units]
+        for done, task in enumerate(_each(client, tasks, told), 1):
+            kept.sound.add(task.result())  # the worker has just taken its digest
+            tell(done)
 
 
-def begun(client: Any, case: Case, clock: Clock, layouts: Sequence[Layout]) -> list[Begun]:
+def begun(client: Any, case: Case, mark: Mapping[str, str], clock: Clock, layouts: Sequence[Layout]) -> list[Begun]:
     """Have the workers say how the places of shards were drawn, and what of them lacks forcing as the run begins."""
-    check(client)
-    tasks = [client.submit(worker.begun, case, clock, layout, pure=False, retries=0) for layout in layouts]
-    found = {task.key: task.result() for task in _each(client, tasks, lambda: "nothing is kept yet")}
+    told = lambda: "nothing is kept yet"  # noqa: E731
+    with _answered(told):
+        check(client)
+        tasks = [client.submit(worker.begun, case, dict(mark), clock, part, pure=False, retries=0) for part in layouts]
+        found = {task.key: task.result() for task in _each(client, tasks, told)}
     return [found[task.key] for task in tasks]
+
+
+def release(client: Any) -> None:
+    """Have the workers let go of a run's files, as far as they can be reached."""
+    with contextlib.suppress(Exception):
+        client.run(worker.release)
+
+
+@contextlib.contextmanager
+def _answered(kept: Callable[[], str]) -> Iterator[None]:
+    """Tell in a line that the cluster does not answer any more; kept: what is kept of the run, in words."""
+    distributed = _dask()
+    try:
+        yield
+    except distributed.KilledWorker as error:
+        raise UserError(f"worker after worker died of a shard ({_line(error)}); {kept()}") from error
+    except (distributed.comm.CommClosedError, asyncio.CancelledError, CancelledError, TimeoutError) as error:
+        raise UserError(f"the cluster is lost ({_line(error)}); {kept()}") from error
 
 
 def _each(client: Any, tasks: Sequence[Any], kept: Callable[[], str]) -> Iterator[Any]:
     """Yield tasks as they are done; kept: what is kept of the run where the cluster is lost, in words."""
-    distributed = _dask()
+    done = _dask().as_completed(tasks, loop=client.loop)
+    looked = time.monotonic()
     try:
-        for task in distributed.as_completed(tasks, loop=client.loop):
+        while not done.is_empty():
+            if not done.has_ready():
+                time.sleep(POLL)
+                if time.monotonic() - looked > LOOK:
+                    _first(client, f"the cluster has lost all of its workers; {kept()}")
+                    looked = time.monotonic()
+                continue
+            task = next(done)
             if task.status == "error":
                 raise task.exception()
             if task.status != "finished":
                 raise UserError(f"the cluster is lost (a shard is {task.status}); {kept()}")
             yield task
-    except distributed.KilledWorker as error:
-        raise UserError(f"worker after worker died of a shard ({_line(error)}); {kept()}") from error
     finally:
         with contextlib.suppress(Exception):  # of a scheduler that is gone
             client.cancel(tasks)
+
+
+def _first(client: Any, otherwise: str) -> None:
+    """Wait for a worker; raise UserError, saying what else is so, where none comes."""
+    try:
+        client.wait_for_workers(1, timeout=WAIT)
+    except TimeoutError:
+        raise UserError(f"{otherwise} (waited {WAIT / 60:g} min)") from None
 
 
 def _line(error: BaseException) -> str:

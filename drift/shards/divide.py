@@ -57,8 +57,10 @@ def number(case: Case, memory: float | None, shards: int | None, workers: int | 
     1 without workers is a run in one piece. Raises UserError for what cannot be.
     """
     least = (BASE + HELD * LEAST) / GIB
-    if memory is not None and not memory >= least:
-        raise UserError(f"--memory {memory:g}: a run takes {least:.2g} (GiB) at least")
+    if memory is not None and not (isinstance(memory, int | float) and least <= memory < math.inf):
+        raise UserError(f"--memory {memory}: a run takes {least:.2g} (GiB) at least; in Python it is a number of GiB")
+    if shards is not None and not isinstance(shards, int):
+        raise UserError(f"--shards {shards}: give a whole number")
     spill = case.spill
     together = (BASE + WEIGHED * case.particles) / GIB
     if spill and memory is not None and memory < together:

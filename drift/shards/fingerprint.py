@@ -4,22 +4,30 @@ import hashlib
 
 from drift import facts
 from drift.case import said
-from drift.job import Job
+from drift.case.record import Case
+from drift.environment.environment import Environment
 from drift.shards import machine, work
 from geo.files import digest
 
 
-def of(job: Job, many: int) -> dict[str, str]:
-    """Return what the results of a run in so many shards follow from, by what it is."""
-    told = facts.attributes(job.case, job.where)
-    files = hashlib.sha256("".join(digest.of(path) for path in job.case.inputs).encode()).hexdigest()
+def of(case: Case, where: Environment, many: int) -> dict[str, str]:
+    """Return what the results of a case's run in so many shards follow from, by what it is."""
+    told = facts.attributes(case, where)
+    files = hashlib.sha256("".join(digest.of(path) for path in case.inputs).encode()).hexdigest()
     return {
-        "the case": said.digest(job.case),
+        **of_machine(),
+        "the case": said.digest(case, moves=True),
         "the seed": told["seed"],
-        "the versions": ", ".join(f"{name} {version}" for name, version in machine.versions().items()),
         "the backend": told["backend"],
         "the forcing": f"{told['forcing']}; {files}",
         "the coast": told["coast"],
-        "the processor's arithmetic": machine.arithmetic(),
         work.NUMBER: str(many),
+    }
+
+
+def of_machine() -> dict[str, str]:
+    """Return what of it is the same for all runs on a machine."""
+    return {
+        "the versions": ", ".join(f"{name} {version}" for name, version in machine.versions().items()),
+        "the processor's arithmetic": machine.arithmetic(),
     }

@@ -1,7 +1,8 @@
 """A run in shards: each is moved, or read where it is finished; then all are one run again."""
 
 import contextlib
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -19,7 +20,7 @@ from drift.search.account import Noted
 from drift.search.meeting import Redrawing
 from drift.search.standing import Standing
 from drift.search.updates import Updates
-from drift.shards import cluster, fingerprint, stretch, work
+from drift.shards import cluster, stretch, work
 from drift.shards.divide import Divided
 from drift.shards.told import Told, columns, together
 from drift.shards.unit import From, Unit
@@ -50,20 +51,23 @@ class _Way:
 
 
 @contextlib.contextmanager
-def moved(job: Job, run: Divided, noted: Noted | None) -> Iterator[Moved]:
-    """Give what the particles of a run were like at all output times, and what was told on the way."""
+def moved(job: Job, run: Divided, mark: Mapping[str, str], noted: Noted | None) -> Iterator[Moved]:
+    """Give what the particles of a run were like at all output times, and what was told on the way.
+
+    mark: the run's fingerprint.
+    """
     case, job = job.case, replace(job, tell=_rising(job.tell))
     need, slices = work.need(case, run.layout.bounds[-1]), work.slices(case, run.setup.scene)
     with (
-        work.opened(job.out, fingerprint.of(job, run.many), need, slices) as kept,
+        work.opened(job.out, mark, need, slices) as kept,
         work.stored(job.where, kept),
     ):
         try:
-            way, told = _all(job, run, kept, noted)
+            way, told = _all(job, run, kept, mark, noted)
         except Gone as gone:
             LOG.warning("%s of the run before is not there any more: it begins anew", gone)
             kept.begin_anew()
-            way, told = _all(job, run, kept, noted)
+            way, told = _all(job, run, kept, mark, noted)
         last = way.stretches[-1]
         with Spool(way.stretches) as spool:
             blocks = way.layout.blocks
@@ -74,12 +78,12 @@ def moved(job: Job, run: Divided, noted: Noted | None) -> Iterator[Moved]:
             yield Moved(spool, told.updates(last, way.layout), posteriors, told.begun)
 
 
-def _all(job: Job, run: Divided, kept: Work, noted: Noted | None) -> tuple[_Way, Told]:
+def _all(job: Job, run: Divided, kept: Work, mark: Mapping[str, str], noted: Noted | None) -> tuple[_Way, Told]:
     """Move all stretches of all shards."""
     way, told = _Way(run.layout), None
     while True:
-        units = _units(job, run, way)
-        reels = _stretch(job, run, kept, units)
+        units = _units(job, run, kept, way)
+        reels = _stretch(job, run, kept, mark, units)
         way.stretches.append(reels)
         if told is None:
             told = Told(job.case, run.setup, reels, way.layout, noted)
@@ -101,17 +105,37 @@ def _dropped_if_refused(kept: Work) -> Iterator[None]:
         raise
 
 
-def _units(job: Job, run: Divided, way: _Way) -> list[Unit]:
+def _units(job: Job, run: Divided, kept: Work, way: _Way) -> list[Unit]:
     """Return the units of the present stretch."""
     parts = way.layout.shards(run.many)
     firsts = np.cumsum([0, *(part.bounds[-1] for part in parts)]).tolist()
     return [
-        Unit(job.case, run.setup.clock, part, number, first, way.number, way.since, way.known)
-        for number, (part, first) in enumerate(zip(parts, firsts[:-1], strict=True))
+        Unit(
+            job.case,
+            run.setup.clock,
+            part,
+            number,
+            first,
+            way.number,
+            _of_shard(kept, way.since, first, last),
+            way.known,
+        )
+        for number, (part, (first, last)) in enumerate(zip(parts, itertools.pairwise(firsts), strict=True))
     ]
 
 
-def _stretch(job: Job, run: Divided, kept: Work, units: Sequence[Unit]) -> list[Reel]:
+def _of_shard(kept: Work, since: From | None, first: int, last: int) -> From | None:
+    """Return where a shard of some slots goes on, with no more states than it needs."""
+    if since is None:
+        return None
+    least, most = first, last - 1
+    if since.drawn:
+        ancestors = kept.read(since.drawn).noted("ancestors", first, last)
+        least, most = int(ancestors.min()), int(ancestors.max())
+    return replace(since, states=tuple(state for state in since.states if state[1] <= most and least < state[2]))
+
+
+def _stretch(job: Job, run: Divided, kept: Work, mark: Mapping[str, str], units: Sequence[Unit]) -> list[Reel]:
     """Return the reels of a stretch of all shards, moved or read where they are finished."""
     many, (begun, end) = len(units), _span(job, run, units[0])
 
@@ -122,7 +146,7 @@ def _stretch(job: Job, run: Divided, kept: Work, units: Sequence[Unit]) -> list[
 
     if job.client is not None:
         missing = [unit for unit in units if not kept.finished(unit.name)]
-        cluster.moved(job.client, kept, missing, lambda done: tell(many - len(missing) + int(done), 0.0))
+        cluster.moved(job.client, kept, mark, missing, lambda done: tell(many - len(missing) + int(done), 0.0))
     return [unit.move(run.setup.scene, job.where, partial(tell, unit.number), kept) for unit in units]
 
 

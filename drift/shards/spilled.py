@@ -7,7 +7,7 @@ shards, in the order of the whole run's slots, and weighed as those of a run in 
 
 import contextlib
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -111,6 +111,7 @@ class Rounds:
     job: Job
     run: Shards
     kept: Work
+    mark: Mapping[str, str]  # the run's fingerprint
 
     def moved(self, drawn: Worlds, seed: int, number: int) -> Drifted:
         """Return the round of some worlds, moved shard by shard; number: of the round, from 0."""
@@ -118,7 +119,7 @@ class Rounds:
         units = _units(job.case, setup.clock, self.run.spans, drawn, seed, number * many)
         if job.client is not None:
             missing = [unit for unit in units if not kept.finished(unit.name, unit.of)]
-            cluster.moved(job.client, kept, missing, partial(self._tell, many - len(missing)))
+            cluster.moved(job.client, kept, self.mark, missing, partial(self._tell, many - len(missing)))
         reels = [unit.move(setup.scene, job.where, partial(self._tell, done), kept) for done, unit in enumerate(units)]
         spool = Spool([reels], worlds=True)
         try:
@@ -138,12 +139,12 @@ class Rounds:
 def opened(job: Job, run: Shards) -> Iterator[Rounds]:
     """Give what moves the rounds of a spill."""
     need = work.need(job.case, job.case.particles) + BYTES_STAY * job.case.particles
-    slices = work.slices(job.case, run.setup.scene)
+    slices, mark = work.slices(job.case, run.setup.scene), fingerprint.of(job.case, job.where, len(run.spans))
     with (
-        work.opened(job.out, fingerprint.of(job, len(run.spans)), need, slices) as kept,
+        work.opened(job.out, mark, need, slices) as kept,
         work.stored(job.where, kept),
     ):
-        yield Rounds(job, run, kept)
+        yield Rounds(job, run, kept, mark)
 
 
 def prepare(case: Case, where: Environment, many: int) -> Shards:

@@ -85,15 +85,15 @@ class Told:
 
 def columns(reels: Sequence[Reel], blocks: Blocks, names: Mapping[str, str] | Sequence[str]) -> Columns:
     """Return columns of all particles, as they were taken down of each shard; names: under which, by their own."""
-    own = names if isinstance(names, Mapping) else {name: name for name in names}
-    return Columns(
-        blocks, {name: partial(_some, reels, partial(Reel.noted, name=noted)) for name, noted in own.items()}
-    )
+    own, edges = names if isinstance(names, Mapping) else {name: name for name in names}, _edges(reels)
+    reads = {name: partial(Reel.noted, name=noted) for name, noted in own.items()}
+    return Columns(blocks, {name: partial(_some, reels, edges, read) for name, read in reads.items()})
 
 
 def at_end(reels: Sequence[Reel], blocks: Blocks) -> Columns:
     """Return the `log_weight` of all particles at the end of the run."""
-    return Columns(blocks, {"log_weight": partial(_some, reels, partial(Reel.read, name="log_weight", at=None))})
+    read = partial(Reel.read, name="log_weight", at=None)
+    return Columns(blocks, {"log_weight": partial(_some, reels, _edges(reels), read)})
 
 
 def together(reels: Sequence[Reel], name: str) -> Array:
@@ -101,12 +101,16 @@ def together(reels: Sequence[Reel], name: str) -> Array:
     return np.concatenate([reel.noted(name) for reel in reels])
 
 
-def _some(reels: Sequence[Reel], read: Callable[..., Array], first: int, last: int) -> Array:
+def _edges(reels: Sequence[Reel]) -> Array:
+    """Return the first slot of each shard in the run and, last, the number of all."""
+    return np.cumsum([0, *(reel.n for reel in reels)])
+
+
+def _some(reels: Sequence[Reel], edges: Array, read: Callable[..., Array], first: int, last: int) -> Array:
     """Return a column of some slots of the run, whose shards come one after another; read: gives it of slots of a reel."""
-    found, begin = [], 0
-    for reel in reels:
-        a, b = max(first - begin, 0), min(last - begin, reel.n)
-        if a < b:
-            found.append(read(reel, first=a, last=b))
-        begin += reel.n
+    begin, end = (np.searchsorted(edges, (first, last - 1), side="right") - 1).tolist()
+    found = [
+        read(reels[k], first=max(first - int(edges[k]), 0), last=min(last - int(edges[k]), reels[k].n))
+        for k in range(begin, end + 1)
+    ]
     return found[0] if len(found) == 1 else np.concatenate(found)

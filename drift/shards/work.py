@@ -71,6 +71,7 @@ class Work:
     """What is finished of a run."""
 
     folder: Path
+    run: str  # digest of the fingerprint of the run whose files count
     sound: set[str] = field(default_factory=set)  # files whose bytes are known to be as they were written
 
     def reel(self, name: str, n: int, fill: Callable[[Reel], None], of: str = "") -> Reel:
@@ -107,7 +108,10 @@ class Work:
             data.unlink()
             return
         with self._room(data):
-            _replace(self._index(name), json.dumps({**_index(reel), "of": of, "digest": _digest(data)}))
+            if _run_of(self.folder) != self.run:  # another run has begun anew there meanwhile
+                raise Gone(name)
+            index = {**_index(reel), "of": of, "bytes": _digest(data)}
+            _replace(self._index(name), json.dumps({**index, "seal": self._seal(name, index)}))
         self.sound.add(name)
 
     def read(self, name: str) -> Reel:
@@ -173,11 +177,14 @@ class Work:
         data = self._data(name)
         try:
             index = json.loads(self._index(name).read_text(encoding="utf-8"))
+            seal = index.pop("seal")
             if index["of"] != of:
                 why = "is of other worlds"
+            elif seal != self._seal(name, index):
+                why = "has been altered, or is of another run"
             elif data.stat().st_size != index["size"]:
                 why = "has been cut short"
-            elif name in self.sound or _digest(data) == index["digest"]:
+            elif name in self.sound or _digest(data) == index["bytes"]:
                 self.sound.add(name)
                 return _read(data, index)
             else:
@@ -188,6 +195,11 @@ class Work:
             why = f"cannot be read ({error})"
         LOG.warning("%s of the run before %s: it is done again", name, why)
         return None
+
+    def _seal(self, name: str, index: Mapping[str, Any]) -> str:
+        """Return what binds an index to its run, to its file's name and to its bytes."""
+        told = json.dumps([self.run, name, index], sort_keys=True)
+        return hashlib.blake2b(told.encode(), digest_size=16).hexdigest()
 
     @property
     def forcing(self) -> Path | None:
@@ -210,13 +222,14 @@ def opened(out: Path | None, fingerprint: Mapping[str, str], need: int, slices: 
     with contextlib.ExitStack() as stack:
         if out is None:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="drift-")))
-            work = Work(folder)
+            work = Work(folder, run_of(fingerprint))
             _replace(folder / ABOUT, json.dumps(dict(fingerprint)))
         else:
             folder = _of(out)
-            work = Work(folder)
+            work = Work(folder, run_of(fingerprint))
             try:
                 folder.mkdir(parents=True, exist_ok=True)
+                stack.callback(_removed_if_empty, folder)
                 if not stack.enter_context(hidden.alone(folder, 0.0)):
                     raise UserError(
                         f"{out}: another run is at work on it ({folder}); wait for it, or name another folder with --out"
@@ -249,43 +262,72 @@ def _make_room(folder: Path, need: int, room: int) -> None:
     )
 
 
-def begun(out: Path | None) -> int | None:
-    """Return into how many shards an unfinished run was cut; None where there is none."""
-    if out is None:
-        return None
-    try:
-        return int(json.loads((_of(out) / ABOUT).read_text(encoding="utf-8"))[NUMBER])
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+def unfinished(out: Path) -> bool:
+    """Whether anything is kept of a run that was to write its results there."""
+    return os.path.isdir(_of(out))
 
 
-def clear(out: Path) -> None:
-    """Take away what is kept of a run whose results stand."""
+def begun(out: Path, fingerprint: Mapping[str, str]) -> int | None:
+    """Return into how many shards this very run was cut before; None where nothing of it is there.
+
+    fingerprint: of it, whatever the number of its shards.
+    """
+    before = _about(_of(out))
+    if before is None or any(before.get(name) != value for name, value in fingerprint.items() if name != NUMBER):
+        return None
+    return int(before[NUMBER]) if str(before.get(NUMBER)).isdecimal() else None
+
+
+def clear(out: Path, fingerprint: Mapping[str, str] | None = None) -> None:
+    """Take away what is kept of a run whose results stand; fingerprint: of that run, if another's is to be left."""
     folder = _of(out)
-    if folder.exists():
+    if unfinished(out) and (fingerprint is None or begun(out, fingerprint) is not None):
         with hidden.alone(folder, 0.0) as free:
             if free:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
+def run_of(fingerprint: Mapping[str, str]) -> str:
+    """Return the digest of a run's fingerprint."""
+    told = json.dumps(dict(fingerprint), sort_keys=True)
+    return hashlib.blake2b(told.encode(), digest_size=16).hexdigest()
+
+
 def _of(out: Path) -> Path:
     """Return the folder beside that of the results."""
-    return out.parent / f".{out.name}{SUFFIX}"
+    real = Path(os.path.realpath(out))
+    return real.parent / f".{real.name}{SUFFIX}"
+
+
+def _removed_if_empty(folder: Path) -> None:
+    """Take a folder away in which nothing is kept."""
+    with contextlib.suppress(OSError):
+        folder.rmdir()
+
+
+def _about(folder: Path) -> dict[str, Any] | None:
+    """Return the fingerprint of the run whose files a folder keeps; None where there is none."""
+    try:
+        told = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return told if isinstance(told, dict) else None
+
+
+def _run_of(folder: Path) -> str:
+    """Return the digest of the fingerprint of the run whose files a folder keeps; empty where there is none."""
+    return run_of(_about(folder) or {})
 
 
 def _take_up(work: Work, fingerprint: Mapping[str, str]) -> None:
     """Use what a run before has finished, if it was the same; else say what has changed, and begin anew."""
-    about = work.folder / ABOUT
-    try:
-        before = json.loads(about.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        before = None
+    about, before = work.folder / ABOUT, _about(work.folder)
     if before == dict(fingerprint):
         many = len(list(work.folder.glob(INDICES)))
         if many:
             LOG.warning("%d shards of this run were finished before: it goes on from there", many)
         return
-    if isinstance(before, dict):
+    if before is not None:
         changed = [name for name in {**before, **fingerprint} if before.get(name) != fingerprint.get(name)]
         LOG.warning("an unfinished run is there, but %s changed since: it begins anew", " and ".join(changed))
     work.drop()

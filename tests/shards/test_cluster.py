@@ -1,6 +1,7 @@
 """Workers of a dask cluster write the same as one process; what they lose is done again; what cannot be is one line."""
 
 import contextlib
+import importlib
 import json
 import os
 import signal
@@ -16,10 +17,11 @@ import distributed
 import pytest
 import shards as runs
 import writers
+import xarray as xr
 
 import drift
-from drift import flow
-from drift.shards import cluster, divide, machine, unit, work
+from drift import flow, start
+from drift.shards import cluster, divide, fingerprint, machine, unit, work, worker
 
 FEW_WATERS = """
 start = "2024-03-05T00:10Z"
@@ -124,12 +126,94 @@ def test_workers_of_another_kind_are_refused(
 ) -> None:
     mine = machine.versions()
     monkeypatch.setattr(machine, "versions", lambda: {**mine, "numpy": "1.0"})
-    with pytest.raises(drift.UserError, match=r"worker tcp.*: numpy is .*, here it is 1\.0"):
+    with pytest.raises(drift.UserError, match=r"worker tcp.*: the versions: .*; here: .*numpy 1\.0"):
         drift.run(case, tmp_path / "out", client=client, shards=3)
     monkeypatch.undo()
     monkeypatch.setattr(machine, "arithmetic", lambda: "vax 0")
-    with pytest.raises(drift.UserError, match=r"its arithmetic is .*, here it is vax 0"):
+    with pytest.raises(drift.UserError, match=r"the processor's arithmetic: .*; here: vax 0"):
         drift.run(case, tmp_path / "out", client=client, shards=3)
+
+
+def test_a_worker_that_comes_late_is_asked_too(client: Any, case: drift.Case) -> None:
+    """What does not see the same is refused with the shard that it was given, whenever it came."""
+    where = start.open_for(case)
+    mark = fingerprint.of(case, where, 3)
+    for name, other in (("the processor's arithmetic", "vax 0"), ("the forcing", "another"), ("the coast", "none")):
+        told = client.submit(worker.begun, case, {**mark, name: other}, None, None, pure=False)
+        with pytest.raises(drift.UserError, match=f"{name} is not what it is where the run was started"):
+            told.result()
+
+
+def test_a_worker_opens_a_file_that_has_changed_again(client: Any, tmp_path: Path) -> None:
+    """It is the same case to the letter, and the worker has it open."""
+    (tmp_path / "case.toml").write_text(FEW_WATERS.replace("61.5", "59.2"))
+    current = xr.load_dataset(writers.regular(tmp_path / "current.nc"))
+    case = drift.load(tmp_path / "case.toml")
+    for factor in (1.0, -0.6):
+        current["uo"].values = factor * current["uo"].values
+        current.to_netcdf(tmp_path / "current.nc")
+        runs.same(drift.run(case, tmp_path / "out", client=client, shards=3), drift.run(case))
+
+
+def test_the_folder_may_be_named_from_here(
+    case: drift.Case, made: drift.Result, client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Workers may have begun elsewhere."""
+    monkeypatch.chdir(tmp_path)
+    runs.same(drift.run(case, "out", client=client, shards=5), made)
+
+
+def test_workers_let_go_of_a_run_that_is_over(case: drift.Case, client: Any, tmp_path: Path) -> None:
+    drift.run(case, tmp_path / "out", client=client, shards=3)
+    assert set(client.run(lambda: len(importlib.import_module("drift.shards.worker")._open)).values()) == {0}
+
+
+def test_a_client_that_is_closed_is_one_line(case: drift.Case, tmp_path: Path) -> None:
+    with cluster.connected(1, None) as client:
+        pass
+    with pytest.raises(drift.UserError, match="the client is closed"):
+        drift.run(case, tmp_path / "out", client=client)
+
+
+def test_a_cluster_without_workers(
+    case: drift.Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The first is waited for; where none comes, or all go for good, that is one line."""
+    monkeypatch.setattr(cluster, "WAIT", 2)
+    monkeypatch.setattr(cluster, "LOOK", 0.2)
+    with cluster.connected(1, None) as client:
+        client.cluster.scale(0)
+        while client.nthreads():
+            time.sleep(0.05)
+        with pytest.raises(drift.UserError, match="the cluster has no workers; start some"):
+            drift.run(case, tmp_path / "out", client=client)
+        assert "the first is waited for" in caplog.text
+        client.cluster.scale(1)  # comes while it waits, and goes in the middle
+        monkeypatch.setattr(cluster, "WAIT", 30)
+
+        def report(phase: str, share: float) -> None:
+            if phase == "drift" and 0 < share < 1:
+                monkeypatch.setattr(cluster, "WAIT", 1)
+                client.cluster.scale(0)
+
+        with pytest.raises(drift.UserError, match=r"lost all of its workers; .* kept there: the same command goes on"):
+            drift.run(case, tmp_path / "out", client=client, shards=9, report=report)
+
+
+def test_the_scheduler_is_lost_where_shards_meet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between two stretches of a search nothing is under way."""
+    searched = runs.searched(tmp_path)
+    with cluster.connected(1, None) as client:
+        check = cluster.check
+
+        def lost(client: Any, folder: Path | None = None) -> None:
+            if folder and list(folder.glob("shard-*-000.json")):
+                raise distributed.comm.CommClosedError("in <TCP>: Stream is closed")
+            check(client, folder)
+
+        monkeypatch.setattr(cluster, "check", lost)
+        with pytest.raises(drift.UserError, match=r"the cluster is lost .* kept there: the same command goes on"):
+            drift.run(searched, tmp_path / "out", client=client, shards=3)
 
 
 def test_the_schedulers_loss_is_one_line(case: drift.Case, made: drift.Result, tmp_path: Path) -> None:

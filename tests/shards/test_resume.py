@@ -1,8 +1,9 @@
 """A run in shards writes the same files as in one piece; stopped at any moment it goes on; what is altered is done again."""
 
 import json
-import logging
 import os
+import shutil
+import socket
 from collections.abc import Callable
 from pathlib import Path
 
@@ -127,7 +128,7 @@ def test_a_run_that_was_stopped_goes_on(
 
 
 @pytest.mark.usefixtures("unwritten")
-@pytest.mark.parametrize("fault", ["cut", "altered", "index", "gone"])
+@pytest.mark.parametrize("fault", ["cut", "altered", "index", "place", "foreign", "renamed", "gone"])
 def test_a_file_that_was_cut_short_or_altered_is_made_again(
     case: drift.Case, made: drift.Result, tmp_path: Path, caplog: pytest.LogCaptureFixture, fault: str
 ) -> None:
@@ -145,6 +146,18 @@ def test_a_file_that_was_cut_short_or_altered_is_made_again(
             stream.write(bytes([byte[0] ^ 4]))
     elif fault == "index":
         index.write_text(index.read_text()[:-9])
+    elif fault == "place":  # longitudes are said to lie where latitudes do
+        told = json.loads(index.read_text())
+        told["where"][1]["lon"] = told["where"][1]["lat"]
+        index.write_text(json.dumps(told))
+    elif fault == "foreign":  # of a run with another seed
+        with pytest.raises(Stopped):
+            drift.run(drift.vary(case, {"seed": 78}), tmp_path / "other", shards=4, report=stopping(0.6))
+        for path in (data, index):
+            shutil.copy(unfinished(tmp_path / "other") / path.name, path)
+    elif fault == "renamed":  # another shard's
+        for path in (data, index):
+            shutil.copy(path.with_name(path.name.replace("00001", "00000")), path)
     else:
         data.unlink()
     done = drift.run(case, out, shards=4)
@@ -153,8 +166,10 @@ def test_a_file_that_was_cut_short_or_altered_is_made_again(
 
 
 @pytest.mark.usefixtures("unwritten")
-def test_a_search_over_an_unfinished_forecast_is_run_in_one_piece(case: drift.Case, tmp_path: Path) -> None:
-    """As many shards as the run before had would leave its sortie out."""
+def test_a_search_over_an_unfinished_forecast_is_another_run(
+    case: drift.Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is not cut into as many shards as that was."""
     out = tmp_path / "out"
     with pytest.raises(Stopped):
         drift.run(case, out, shards=4, report=stopping(0.6))
@@ -170,9 +185,71 @@ area = { polygon = [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]] }
     (tmp_path / "searched.toml").write_text(case.text + sortie)
     (tmp_path / "land.geojson").write_text(runs.SHORE)
     searched = drift.load(tmp_path / "searched.toml")
+    asked: list[int] = []
+    monkeypatch.setattr(divide, "prepare", lambda *given: asked.append(given[2]))
     done = drift.run(searched, out)
+    assert not asked
+    monkeypatch.undo()
     assert done.summary["search"]["sorties"]
     runs.same(done, drift.run(searched))
+
+
+@pytest.mark.usefixtures("unwritten")
+def test_what_is_made_afterwards_may_change(case: drift.Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A remark, a title and other areas leave what has been moved as it is."""
+    out = tmp_path / "out"
+    with pytest.raises(Stopped):
+        drift.run(case, out, shards=4, report=stopping(0.6))
+    (tmp_path / "land.geojson").write_text(runs.SHORE)
+    (tmp_path / "case.toml").write_text(
+        'title = "As told at noon" # a remark\n' + case.text.replace("output = {", "output = { areas = [40, 80],")
+    )
+    other, moved = drift.load(tmp_path / "case.toml"), []
+    fill = unit.Unit._fill
+    monkeypatch.setattr(unit.Unit, "_fill", lambda *given: (moved.append(given[0].number), fill(*given))[1])
+    done = drift.run(other, out)
+    assert moved == [2, 3]
+    runs.same(done, drift.run(other))
+
+
+@pytest.mark.usefixtures("unwritten")
+def test_the_memory_counts_where_a_run_goes_on(
+    case: drift.Case, made: drift.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run that was cut into fewer shards than the memory asks for now begins anew."""
+    out = tmp_path / "out"
+    with pytest.raises(Stopped):
+        drift.run(case, out, shards=2, report=stopping(0.6))
+    monkeypatch.setattr(divide, "LEAST", 8192)
+    monkeypatch.setattr(divide, "HELD", 2**17)
+    asked, prepare = [], divide.prepare
+    monkeypatch.setattr(divide, "prepare", lambda *given: (asked.append(given[2]), prepare(*given))[1])
+    runs.same(drift.run(case, out, memory=(divide.BASE + 8192 * 2**17) / 2**30), made)
+    assert asked == [4]
+
+
+@pytest.mark.usefixtures("unwritten")
+def test_results_in_the_folder_itself(
+    case: drift.Case, made: drift.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is finished lies beside it, by whatever name it is given."""
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    with pytest.raises(Stopped):
+        drift.run(case, ".", shards=4, report=stopping(0.6))
+    assert len(shards_of(tmp_path / "here")) == 4
+    assert list((tmp_path / "here").iterdir()) == []
+    (tmp_path / "link").symlink_to(tmp_path / "here")
+    runs.same(drift.run(case, tmp_path / "link", shards=4), made)
+    assert not unfinished(tmp_path / "here").exists()
+
+
+@pytest.mark.usefixtures("unwritten")
+def test_a_refused_run_leaves_nothing(case: drift.Case, tmp_path: Path) -> None:
+    lossy = drift.vary(case, {"domain.east": 0.14, "max_lost": 0.02})
+    with pytest.raises(drift.UserError, match="was lost by the end"):
+        drift.run(lossy, tmp_path / "out", shards=4)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.usefixtures("unwritten")
@@ -250,6 +327,7 @@ def test_a_full_disk_keeps_what_is_finished(
         (["--shards", "10"], "give 1 to 9"),
         (["--memory", "0.2 GB"], "a run takes 0.7 (GiB) at least"),
         (["--memory", "plenty"], "--memory"),
+        (["--memory", "1e400 GB"], "--memory"),
     ],
 )
 def test_bad_input_is_one_line(
@@ -271,9 +349,12 @@ def test_memory_and_the_loss_at_a_stop_choose_the_shards(case: drift.Case) -> No
     assert divide.number(case, None, None, workers=64) == 9  # its blocks
 
 
-def test_the_index_names_no_machine(case: drift.Case, tmp_path: Path) -> None:
+def test_what_is_kept_names_no_machine(case: drift.Case, tmp_path: Path) -> None:
     with pytest.raises(Stopped):
         drift.run(case, tmp_path / "out", shards=4, report=stopping(0.6))
     about = json.loads((unfinished(tmp_path / "out") / work.ABOUT).read_text())
     assert set(about) >= {"the case", "the seed", "the versions", "the forcing", "the processor's arithmetic"}
-    logging.getLogger("drift").debug("kept %s", about)
+    told = "".join(path.read_text() for path in unfinished(tmp_path / "out").glob("*.json"))
+    assert socket.gethostname() not in told
+    assert str(case.path.parent) not in told
+    assert str(tmp_path) not in told
