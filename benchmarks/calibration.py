@@ -20,9 +20,10 @@ from scipy import stats
 
 import drift
 from drift import start
-from drift.motion import simulate
+from drift.motion import simulate, spool
 from drift.motion.spool import Spool
 from drift.spill import evidence, finds, renewal, strandings
+from drift.spill.fates import Fates
 from drift.spill.realisations import realise
 from kernels import runtime
 
@@ -41,7 +42,7 @@ class Bank:
     """Worlds that have been drifted."""
 
     case: drift.Case
-    fates: renewal.Fates
+    fates: Fates
     worlds: object
     segments: object
     coast: object
@@ -57,7 +58,9 @@ def bank(seed: int, worlds: int) -> Bank:
     moments = simulate.run(begin.ensemble, begin.scene, begin.clock, outputs, watch=book.watch)
     segments = evidence.cut(case.spill, where.coast)
     with Spool.of_run(case.period, begin.ensemble, moments, len(outputs), worlds=True, more=book.note) as snapshots:
-        fates = renewal._fates(case.spill, renewal.Drifted(case.seed, snapshots, begin.worlds), segments)
+        known = evidence.build(case.period, case.spill, segments, where.coast, begin.worlds)
+        spool.PART = 2**40  # all worlds in one part
+        (fates,) = renewal.kept(case.period, case.spill, snapshots, segments, known).parts()
     begin.scene.forcing.close()
     return Bank(case, fates, begin.worlds, segments, where.coast)
 
@@ -108,7 +111,7 @@ def ranks(made: Bank, truth: Truth, known: finds.Known, count: int, end: int, rn
     known = replace(known, finds=told, now=float(truth.found[order[-1]]) if count else 0.0)
     fates, worlds = made.fates, made.worlds
     posterior = finds.posterior(fates, known, worlds.latent, worlds.log_weight)
-    drawn = realise(fates, posterior, seed, 1)[0]
+    ((_, (drawn,)),) = realise(fates, posterior, seed, 1)
     rest = np.ones(truth.segment.size, bool)
     rest[order] = False
     ashore = rest & (truth.arrival <= end)

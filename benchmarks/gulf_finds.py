@@ -10,14 +10,21 @@ from dataclasses import replace
 import numpy as np
 
 import drift
+from drift import flow, job
 from drift.spill import finds, washup
 from drift.spill.realisations import realise
+from drift.spill.renewal import Aftermath
 
 
 def main() -> None:
     """Drift once, then add the finds one by one."""
-    after = drift.run(drift.load("gulf_containers")).aftermath
-    assert after is not None
+    with flow.kept(job.opened(drift.load("gulf_containers"))) as result:
+        assert result.aftermath is not None
+        _tell(result.aftermath)
+
+
+def _tell(after: Aftermath) -> None:
+    """Print the table."""
     known, worlds, end = after.posterior.known, after.worlds, after.period.duration
     surprises = {one.find.name: one for one in after.surprises}
     fates = [str(f) for f in after.washup["fate"].values]
@@ -35,7 +42,7 @@ def main() -> None:
         )
         drawn = realise(after.fates, told, 1, 1)
         kinds = [kind.name for kind in after.spill.kinds]
-        data = washup.build(after.fates, after.segments, drawn, told.weight, np.array([end]), after.period.start, kinds)
+        data = washup.build(drawn, after.segments, told.weight, np.array([end]), after.period.start, kinds)
         k = fates.index("ashore")
         low, _, high = data["total_number"].values[:, k, -1]
         worst = washup.worst(data, 1)[0]

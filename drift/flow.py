@@ -3,7 +3,7 @@
 import contextlib
 import logging
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -129,8 +129,8 @@ def run(
         if work.unfinished(job.out):  # it was killed after its results stood, or another run was
             work.clear(job.out, fingerprint.of(case, job.where, 1))
         return None
-    result = forecasted(job)
-    write(result, job)
+    with kept(job) as result:  # no other run may begin on the folder before the results stand
+        write(result, job)
     if job.out is not None:
         work.clear(job.out)
     return result
@@ -176,15 +176,22 @@ class Moved(Ended):
 
 def forecasted(job: Job, noted: Noted | None = None) -> Result:
     """Return the forecast of a job's case; noted: as `moved` takes it."""
+    with kept(job, noted) as result:
+        return result
+
+
+@contextlib.contextmanager
+def kept(job: Job, noted: Noted | None = None) -> Iterator[Result]:
+    """Give the forecast of a job's case, as `forecasted` does, with its particles, which can be read inside."""
     many = _shards(job)
     with contextlib.ExitStack() as stack:
         if many > 1 or job.client is not None:
-            if job.case.spill:
-                return made(job, _spilled(job, many, stack))
-            return made(job, _in_shards(job, many, stack, noted))
-        with job.clock.phase("start"):
-            begin = start.prepare(job.case, job.where)
-        return made(job, moved(job, begin, stack, noted))
+            ended = _spilled(job, many, stack) if job.case.spill else _in_shards(job, many, stack, noted)
+        else:
+            with job.clock.phase("start"):
+                begin = start.prepare(job.case, job.where)
+            ended = moved(job, begin, stack, noted)
+        yield made(job, ended)
 
 
 def _shards(job: Job) -> int:
@@ -224,7 +231,9 @@ def _spilled(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:
 
     def moved(drawn: Worlds, seed: int, number: int) -> Drifted:
         with job.clock.phase("drift"):
-            return rounds.moved(drawn, seed, number)
+            drifted = rounds.moved(drawn, seed, number)
+        stack.enter_context(drifted.snapshots)
+        return drifted
 
     def renewed(proposal: Proposal, number: int) -> Drifted:
         return moved(*start.renewed(case, where, proposal, number), number)

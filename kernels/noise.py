@@ -5,6 +5,7 @@ There is no state: the same call gives the same bits on any thread, in any order
 the same on every backend; normals differ between backends in the last bits of log, sin and cos.
 """
 
+import copy
 import enum
 
 import numpy as np
@@ -168,3 +169,15 @@ def generator(
     """
     own = seed_for(seed, purpose, number)
     return np.random.Generator(np.random.Philox(key=own, counter=[0, 0, *event]))
+
+
+def later(rng: np.random.Generator, count: int) -> np.random.Generator:
+    """Return a copy of a generator as it is after so many more `random()`, without drawing all of them."""
+    ahead = copy.deepcopy(rng)
+    left = min(4 - ahead.bit_generator.state["buffer_pos"], count)  # a step of its counter gives four numbers
+    ahead.random(left)
+    steps, rest = divmod(count - left, 4)
+    if steps:
+        ahead.bit_generator.advance(steps)
+    ahead.random(rest)
+    return ahead

@@ -83,7 +83,7 @@ def compare(
         )
         job_a.tell("compare", 0.0)
         rows, pictures = _by_time(run_a, run_b, result_a, result_b, times, grid, drawn)
-    rows += _of_run(run_a, run_b, logs, drawn)
+        rows += _of_run(run_a, run_b, logs, drawn)
     plans = None
     if plan:
         plans, more = _planned(job_a, job_b, begin_a.clock.step, drawn)

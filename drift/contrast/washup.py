@@ -4,9 +4,9 @@ import numpy as np
 
 from drift.contrast.figures import Figures
 from drift.contrast.units import Figure
-from drift.spill import stretches
+from drift.spill import renewal, stretches
 from drift.spill.realisations import realise
-from drift.spill.renewal import REALISATIONS, Aftermath
+from drift.spill.renewal import Aftermath
 from drift.spill.tables import called
 from geo import notation
 from geo.array import Array
@@ -45,16 +45,15 @@ def _numbers(after: Aftermath, seed: int) -> dict[int, Array]:
 
     It is the mean over the complete spills that are drawn in each world, as washup.nc has it.
     """
-    spill, fates = after.spill, after.fates
-    count = int(np.clip(spill.per_world // spill.objects[1], 1, REALISATIONS))
-    drawn = realise(fates, after.posterior, seed, count)
-    last = after.period.duration
-    clean, stays = stretches.settled(fates), fates.stays
-    lies = (clean["arrival"] <= last) & (clean["leave"] > last)
-    stands = np.mean([realisation.stands for realisation in drawn], axis=0)
-    slot, segment = stays.slot[lies], stays.segment[lies].astype(np.int64)
-    amount, world = stands[slot], fates.world[slot]
-    return {
-        int(k): np.bincount(world[segment == k], amount[segment == k], spill.worlds)
-        for k in np.unique(segment[amount > 0])
-    }
+    spill, last = after.spill, after.period.duration
+    numbers: dict[int, Array] = {}
+    for fates, drawn in realise(after.fates, after.posterior, seed, renewal.spills(spill)):
+        clean, stays = stretches.settled(fates), fates.stays
+        lies = (clean["arrival"] <= last) & (clean["leave"] > last)
+        stands = np.mean([realisation.stands for realisation in drawn], axis=0)
+        slot, segment = stays.slot[lies], stays.segment[lies].astype(np.int64)
+        amount, world = stands[slot], fates.world[slot]
+        for k in np.unique(segment[amount > 0]).tolist():
+            there = np.bincount(world[segment == k], amount[segment == k], spill.worlds)
+            numbers[k] = numbers.get(k, 0.0) + there
+    return dict(sorted(numbers.items()))

@@ -3,6 +3,7 @@
 Memory holds one time, or a part of it, however many there are.
 """
 
+import contextlib
 import itertools
 import os
 import shutil
@@ -19,7 +20,7 @@ import numpy as np
 from drift.motion.period import Period
 from drift.motion.simulate import Moment
 from drift.particles import members, partials
-from drift.particles.ensemble import Ensemble, Layout
+from drift.particles.ensemble import Ensemble, Layout, Slots
 from drift.particles.partials import PART, Blocks
 from drift.particles.snapshot import Snapshot
 from geo.array import Array
@@ -48,10 +49,12 @@ def _check_room(need: int) -> None:
         raise _refusal(f"the particles at all output times need {_size(need)}, and it has room for {_size(free)}")
 
 
-def _refusal(reason: str) -> UserError:
-    folder = tempfile.tempdir or os.environ.get("TMPDIR", "")
+def _refusal(reason: str, folder: Path | None = None) -> UserError:
+    if folder is not None:
+        return UserError(f"{folder}: {reason}; make room, or name another folder with --out")
+    temporary = tempfile.tempdir or os.environ.get("TMPDIR", "")
     return UserError(
-        f"temporary folder {folder}: {reason}; make room, name another folder in the environment variable TMPDIR, or "
+        f"temporary folder {temporary}: {reason}; make room, name another folder in the environment variable TMPDIR, or "
         "ask for fewer particles or output times"
     )
 
@@ -89,7 +92,7 @@ class Reel:
     taken: list[Taken] = field(default_factory=list)
     end: dict[str, int] = field(default_factory=dict)  # where columns of the end of the run begin
     notes: dict[str, Noted] = field(default_factory=dict)  # what else a run takes down, by name
-    _later: Array | None = None  # log weights given after the run; not in the file, whose checksum is taken at its end
+    later: "tuple[Reel, int] | None" = None  # a file of log weights given after the run, and where its own begin
     size: int = 0  # [bytes] of what it has taken
 
     def record(self, period: Period, moments: Iterable[Moment]) -> None:
@@ -112,10 +115,6 @@ class Reel:
         """Take up what an ensemble has at the end of the run."""
         for name in (*END, *({members.COLUMN.name} & {*ensemble.own})):
             self.end[name] = self._keep(name, ensemble.columns[name].to_numpy())
-
-    def reweigh(self, log_weight: Array) -> None:
-        """Take weights (n,) for all times that have none of their own."""
-        self._later = log_weight.astype(KINDS["log_weight"])
 
     @property
     def empty(self) -> bool:
@@ -155,8 +154,14 @@ class Reel:
             self.file.close()
 
     def _append(self, column: Array) -> int:
-        assert not isinstance(self.file, Path)
         begin = self.size
+        self.put(begin, column)
+        self.size += column.nbytes
+        return begin
+
+    def put(self, begin: int, column: Array) -> None:
+        """Write a column into the file, where it is to begin."""
+        assert not isinstance(self.file, Path)
         try:
             self.file.seek(begin)
             self.file.write(column.data)
@@ -164,15 +169,13 @@ class Reel:
         except OSError as error:
             self.file.raw.close()  # what is left in the buffer would fail once more
             raise NoRoom(error.strerror or str(error)) from error
-        self.size += column.nbytes
-        return begin
 
     def read(self, name: str, at: int | None, first: int, last: int) -> Array:
         """Return a column of some slots, of a moment or of the end of the run (None)."""
-        if at is None and name == "log_weight" and self._later is not None:
-            return self._later[first:last]
-        kind, where = KINDS[name], self.end if at is None else self.taken[at].where
-        return np.frombuffer(self._bytes(where[name] + first * kind.itemsize, (last - first) * kind.itemsize), kind)
+        kind, file, begin = KINDS[name], self, (self.end if at is None else self.taken[at].where)[name]
+        if at is None and name == "log_weight" and self.later is not None:
+            file, begin = self.later
+        return np.frombuffer(file._bytes(begin + first * kind.itemsize, (last - first) * kind.itemsize), kind)
 
     def logs(self, at: int, first: int, last: int) -> Array:
         """Return the log weights of some slots at a moment: its own, or those of the end."""
@@ -193,6 +196,28 @@ class Reel:
         return int(edges[span[0]]), int(edges[span[1]])
 
 
+@dataclass(frozen=True)
+class Portion:
+    """Some particles of a reel: of each scenario a range of blocks, one after another."""
+
+    reel: Reel
+    slots: tuple[Slots, ...]
+
+    def read(self, name: str, at: int | None = None) -> Array:
+        """Return a column, of a moment or of the end of the run (None)."""
+        return np.concatenate([self.reel.read(name, at, first, last) for first, last, _ in self.slots])
+
+
+@contextlib.contextmanager
+def scratch(folder: Path | None) -> Iterator[Reel]:
+    """Give a file for what is made of a run's particles, which goes at the end; None: in the temporary folder."""
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            yield Reel(file, 0)
+    except NoRoom as error:
+        raise _refusal(str(error), folder) from error
+
+
 class Spool(Sequence[Snapshot]):
     """Snapshots of a run, read back one at a time or part by part; a context, which closes its files at its end."""
 
@@ -204,6 +229,7 @@ class Spool(Sequence[Snapshot]):
         self._stretches, self._worlds = [list(reels) for reels in stretches], worlds
         self._moments = [(reels, at) for reels in self._stretches for at in range(len(reels[0].taken))]
         self._scale: dict[int, tuple[float, float]] = {}  # see _normal
+        self._open = contextlib.ExitStack()  # of files besides those of the reels
 
     @classmethod
     def of_run(
@@ -248,21 +274,42 @@ class Spool(Sequence[Snapshot]):
     ) -> None:
         for reel in itertools.chain(*self._stretches):
             reel.close()
+        self._open.__exit__(kind, error, trace)
 
-    def reweigh(self, log_weight: Array) -> None:
-        """Take log weights (n,), in the order of the whole run, for all times that have none of their own."""
+    @property
+    def folder(self) -> Path | None:
+        """Where its files lie; None: in the temporary folder."""
+        file = self._stretches[-1][0].file
+        return file.parent if isinstance(file, Path) else None
+
+    def portions(self) -> Iterator[Portion]:
+        """Yield all particles in portions of about PART, or of one block of each scenario where these hold more."""
         for reel in self._stretches[-1]:
-            reel.reweigh(np.concatenate([log_weight[number : number + b - a] for a, b, number in reel.layout.slots]))
+            scenarios = list(zip(reel.layout.slots, reel.layout.block, strict=True))
+            blocks = max(-(-(last - first) // size) for (first, last, _), size in scenarios)
+            step = max(PART // sum(reel.layout.block), 1)
+            for begin in range(0, blocks, step):
+                ranges = (
+                    (min(first + begin * size, last), min(first + (begin + step) * size, last), number + begin * size)
+                    for (first, last, number), size in scenarios
+                )
+                yield Portion(reel, tuple(Slots(*own) for own in ranges))
+
+    def reweigh(self, log_weights: Iterable[Array]) -> None:
+        """Take log weights for all times that have none of their own: those of each portion, in their order."""
+        kind, begin = KINDS["log_weight"], 0
+        file = self._open.enter_context(scratch(self.folder))
+        for reel in self._stretches[-1]:
+            reel.later = file, begin
+            begin += reel.n * kind.itemsize
+        for portion, log_weight in zip(self.portions(), log_weights, strict=True):
+            assert portion.reel.later is not None
+            ahead = 0
+            for first, last, _ in portion.slots:
+                column = np.ascontiguousarray(log_weight[ahead : ahead + last - first], kind)
+                file.put(portion.reel.later[1] + first * kind.itemsize, column)
+                ahead += last - first
         self._scale.clear()
-
-    def columns(self, names: Sequence[str], at: int | None = None) -> tuple[Array, ...]:
-        """Return columns of all particles, (n,) each in the order of the whole run, of a moment or of the end (None)."""
-        columns = tuple(np.empty(self.n, KINDS[name]) for name in names)
-        for reel in self._stretches[-1]:
-            for first, last, number in reel.layout.slots:
-                for name, column in zip(names, columns, strict=True):
-                    column[number : number + last - first] = reel.read(name, at, first, last)
-        return columns
 
     def noted(self, name: str) -> list[tuple[Layout, Array]]:
         """Return what has been taken down of each shard under a name, with the shard's slots."""
@@ -364,10 +411,11 @@ class Spool(Sequence[Snapshot]):
         columns = tuple(np.empty(len(slots), KINDS[name]) for name in names)
         for reel in self._stretches[-1]:
             here, which = _within(reel.taken[-1].layout.blocks, slots)
-            if which.size:
-                first, last = int(here.min()), int(here.max()) + 1
+            for begin in np.unique(here // PART * PART).tolist():
+                own = (here >= begin) & (here < begin + PART)
+                first, last = int(here[own].min()), int(here[own].max()) + 1
                 for name, column in zip(names, columns, strict=True):
-                    column[which] = reel.read(name, None, first, last)[here - first]
+                    column[which[own]] = reel.read(name, None, first, last)[here[own] - first]
         return columns
 
 

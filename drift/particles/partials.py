@@ -115,13 +115,17 @@ class Blocks:
         begin = np.flatnonzero(heads)
         return group[begin], np.add.reduceat(np.asarray(values, np.float64), begin)
 
-    def running(self, values: Array) -> Array:
-        """Return the sum of values (n,), none of them negative, up to and with each particle; it never falls."""
-        begun = np.concatenate([[0.0], np.cumsum(self.partial(values).sums[:, 0, 0])])
+    def running(self, values: Array, whole: Partial | None = None) -> Array:
+        """Return the sum of values (n,), none of them negative, up to and with each particle; it never falls.
+
+        whole: the sums of all blocks of the run, where these are some of them.
+        """
+        whole = whole or self.partial(values)
+        begun = np.concatenate([[0.0], np.cumsum(whole.sums[:, 0, 0])])
         running = np.empty(self.n)
-        for block, (a, b) in enumerate(zip(self.first, [*self.first[1:], self.n], strict=True)):
-            np.cumsum(values[a:b], out=running[a:b], dtype=np.float64)
-            running[a:b] = np.minimum(running[a:b] + begun[block], begun[block + 1])
+        for own, block in zip(self.spans, np.searchsorted(whole.number, self.number), strict=True):
+            np.cumsum(values[own], out=running[own], dtype=np.float64)
+            running[own] = np.minimum(running[own] + begun[block], begun[block + 1])
         return running
 
 

@@ -43,15 +43,16 @@ def patrol(
     assert job.where.coast is not None
     segments = evidence.cut(case.spill, job.where.coast)
     patrol_planner.patrols(case.period, case.spill, segments)  # before the drift, because it may refuse the case
-    result = flow.forecasted(job)
-    after = result.aftermath
-    assert after is not None
-    job.tell("plan", 0.0)
-    with job.clock.phase("plan"):
-        plan = patrol_planner.plan(after)
+    with flow.kept(job) as result:
+        after = result.aftermath
+        assert after is not None
+        job.tell("plan", 0.0)
+        with job.clock.phase("plan"):
+            plan = patrol_planner.plan(after)
+        if job.out is not None:
+            setting = facts.with_coast(facts.setting(case, job.where))
+            patrols = chapter.chapter(chapter.Matter(plan, after, setting, facts.synthetic(case)))
+            flow.write(result, job, more=[patrols])
     if job.out is not None:
-        setting = facts.with_coast(facts.setting(case, job.where))
-        patrols = chapter.chapter(chapter.Matter(plan, after, setting, facts.synthetic(case)))
-        flow.write(result, job, more=[patrols])
         work.clear(job.out)
     return plan, result

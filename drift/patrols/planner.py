@@ -15,7 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drift.motion.period import Period
-from drift.spill import estimate, evidence, exposure, finds
+from drift.particles import partials
+from drift.particles.partials import Partial
+from drift.spill import estimate, evidence, exposure, finds, renewal
 from drift.spill.exposure import Exposure
 from drift.spill.records import Spill, Team
 from drift.spill.renewal import Aftermath
@@ -81,58 +83,54 @@ Chosen = dict[int, tuple[int, ...]]  # numbers of patrols, ascending, by number 
 
 
 def plan(after: Aftermath) -> PatrolPlan:
-    """Return the plan of a spill's teams."""
+    """Return the plan of a spill's teams; the files of its run are to be open."""
     slots = patrols(after.period, after.spill, after.segments)
-    known = after.posterior.known
-    stays = exposure.expose(after.fates, known.reporting, known.patrols)
-    worth = value(after)
-    tables = {s: table(stays, s, worth, slots) for s in sorted({s for slot in slots for s in slot.reachable})}
-    chosen, bound, daily = choose(tables, known.length, slots)
+    known, worth = after.posterior.known, value(after)
+    reach = sorted({s for slot in slots for s in slot.reachable})
+    teams, length = after.spill.teams, known.length
+    long = [(team, s) for team in teams for s in _near(team, after.segments) if length[s] > team.length]
+    parts: dict[int, list[Partial]] = {s: [] for s in reach}
+    left: list[list[Partial]] = [[] for _ in long]
+    for part in after.fates.parts():
+        stays, own = exposure.expose(part, known.reporting, known.patrols), worth[part.world, part.kind]
+        for s in reach:
+            parts[s].append(table(stays, s, own, slots))
+        for (team, s), sums in zip(long, left, strict=True):
+            sums.append(_lying(stays, s, own, [float(after.period.elapsed(team.times[0]))]))
+    tables = {s: partials.merged(own).total[:-1] for s, own in parts.items()}
+    chosen, bound, daily = choose(tables, length, slots)
     planned = _scored(after, slots, worthwhile(tables, slots, chosen), bound, daily, worth)
-    return replace(planned, left_out=_left_out(after, stays, worth))
-
-
-def _left_out(after: Aftermath, stays: Exposure, worth: Real) -> tuple[LeftOut, ...]:
-    """Return the stretches with anything on them that teams can reach and are too long for them."""
-    found = []
-    for team in after.spill.teams:
-        time = float(after.period.elapsed(team.times[0]))
-        own = [
-            LeftOut(team, s, float((exposure.lying(stays, s, time) * worth[stays.slot[rows]]).sum()))
-            for s in _near(team, after.segments)
-            if after.segments.length[s] > team.length
-            for rows in [slice(int(stays.bounds[s]), int(stays.bounds[s + 1]))]
-        ]
-        found += sorted((row for row in own if row.lying > 0), key=lambda row: -row.lying)
-    return tuple(found)
+    lying = [float(partials.merged(sums).total.sum()) for sums in left]
+    rows = [LeftOut(team, s, number) for (team, s), number in zip(long, lying, strict=True) if number > 0]
+    return replace(planned, left_out=tuple(sorted(rows, key=lambda row: (teams.index(row.team), -row.lying))))
 
 
 def value(after: Aftermath) -> Real:
-    """Return how many objects not yet found each particle stands for, if it has not been found itself, (n,).
+    """Return how many objects not yet found a particle of each world and class stands for, if it has not been found itself.
 
-    The objects left of a world and class are shared among its particles by their chances of not having been found; this
-    is the share of a particle divided by its chance.
+    Its shape is (W, classes). The objects left of a world and class are shared among its particles by their chances of
+    not having been found; this is the share of a particle divided by its chance.
     """
-    posterior, fates = after.posterior, after.fates
-    left = finds.remaining(posterior) * posterior.weight[:, None]
-    world_kind = fates.world.astype(np.int64) * left.shape[1] + fates.kind
-    unfound = np.bincount(world_kind, 1 - posterior.found, left.size)
-    return np.asarray((left.ravel() / np.maximum(unfound, 1e-300))[world_kind])
+    left = finds.remaining(after.posterior) * after.posterior.weight[:, None]
+    shared, _ = renewal.unfound(after.fates, after.posterior.known)
+    return np.asarray(left / np.maximum(shared, 1e-300))
 
 
-def table(stays: Exposure, segment: int, worth: Real, slots: Sequence[Slot]) -> Real:
-    """Return what lies on a stretch at each patrol by the first patrol that could meet it, (M, M).
+def table(stays: Exposure, segment: int, worth: Real, slots: Sequence[Slot]) -> Partial:
+    """Return what lies on a stretch at each patrol by the first patrol that could meet it, sums (M + 1, M) by block.
 
-    Row i: what comes between the patrols i - 1 and i; column j: how much of it is still there at j.
+    Row i: what comes between the patrols i - 1 and i, in the last one after all; column j: how much of it is still there
+    at j. worth: what each particle stands for, (n,).
     """
+    return _lying(stays, segment, worth, [float(slot.time) for slot in slots])
+
+
+def _lying(stays: Exposure, segment: int, worth: Real, times: Sequence[float]) -> Partial:
+    """Return the sums of what lies on a stretch at some times, by the first of them that is not before it came."""
     rows = slice(int(stays.bounds[segment]), int(stays.bounds[segment + 1]))
-    times = np.array([slot.time for slot in slots])
-    first = np.searchsorted(times, stays.arrival[rows])
-    lying = np.zeros((len(slots) + 1, len(slots)))
-    for j, time in enumerate(times):
-        still_there = exposure.lying(stays, segment, float(time)) * worth[stays.slot[rows]]
-        lying[:, j] = np.bincount(first, still_there, len(slots) + 1)
-    return lying[:-1]
+    slot, first = stays.slot[rows], np.searchsorted(times, stays.arrival[rows])
+    there = [exposure.lying(stays, segment, time) * worth[slot] for time in times]
+    return stays.fates.blocks.partial(*there, code=first, many=len(times) + 1, slots=slot)
 
 
 def expected(lying: Real, detection: Sequence[float], visits: Sequence[int]) -> float:
@@ -295,15 +293,19 @@ def _scored(
     known, fates, weight = after.posterior.known, after.fates, after.posterior.weight
     order = sorted((j, s) for s, visits in chosen.items() for j in visits)
     planned = tuple(exposure.Walk((s,), slots[j].time, slots[j].team.detection) for j, s in order)
-    stays = exposure.expose(fates, known.reporting, (*known.patrols, *planned))
-    in_world = worth / np.maximum(weight[fates.world], 1e-300)  # objects for which a particle stands, given its world
+    by_world = np.zeros((len(order), fates.worlds))
+    for part in fates.parts():
+        stays = exposure.expose(part, known.reporting, (*known.patrols, *planned))
+        # Objects for which a particle stands, given its world.
+        in_world = worth[part.world, part.kind] / np.maximum(weight[part.world], 1e-300)
+        for k, (_, s) in enumerate(order):
+            rows, chance = exposure.searched(stays, s, len(known.patrols) + k)
+            slot = stays.slot[rows]
+            by_world[k, part.here] = np.bincount(part.world[slot] - part.here.start, chance * in_world[slot], part.many)
     total, visits = np.zeros(fates.worlds), list[Visit]()
-    for k, (j, s) in enumerate(order, len(known.patrols)):
-        rows, chance = exposure.searched(stays, s, k)
-        particle = stays.slot[rows]
-        by_world = np.bincount(fates.world[particle], chance * in_world[particle], fates.worlds).astype(float)
-        total += by_world
-        mean, error = _mean(by_world, weight)
+    for (j, s), own in zip(order, by_world, strict=True):
+        total += own
+        mean, error = _mean(own, weight)
         visits.append(Visit(slots[j], s, mean / slots[j].team.detection, mean, error))
     found, error = _mean(total, weight)
     busy = {visit.slot.team.name for visit in visits}

@@ -35,7 +35,8 @@ GIB = 2**30
 BASE = 700 * 2**20  # [bytes] that a run takes however few its particles are: the program, the forcing, the coast, maps
 HELD = 200  # [bytes] a particle of the shard under way is given, while it is drawn and moved: about 130 were seen
 SEARCHED, STEERING = 100, 200  # [bytes] more, where there is a search, and where anything steers
-WEIGHED = 250  # [bytes] a particle of a spill while all are weighed together: 140 to 260 were seen
+WEIGHED = 6_000  # [bytes] a world of a spill while finds weigh it
+TOLD = 150  # [bytes] more for each output: 8,600 in all were seen at 21
 LEAST = 2**16  # particles in a shard, if memory is scarce
 LOSS = 2**20  # particles in a shard at most: what is under way is lost when a run is stopped
 PER_WORKER = 4  # shards at least, so that none waits long for another at the end
@@ -62,11 +63,11 @@ def number(case: Case, memory: float | None, shards: int | None, workers: int | 
     if shards is not None and not isinstance(shards, int):
         raise UserError(f"--shards {shards}: give a whole number")
     spill = case.spill
-    together = (BASE + WEIGHED * case.particles) / GIB
-    if spill and memory is not None and memory < together:
+    weighed = (BASE + (WEIGHED + TOLD * case.outputs.size) * spill.worlds) / GIB if spill else 0.0
+    if spill and memory is not None and memory < weighed:
         raise UserError(
-            f"--memory {memory:g}: the fates of a spill's {case.particles:,} particles are weighed together, which takes "
-            f"{together:.2g} (GiB); give as much, or fewer worlds"
+            f"--memory {memory:g}: to weigh a spill's {spill.worlds:,} worlds takes {weighed:.2g} (GiB); give as much, or "
+            "fewer worlds"
         )
     most = -(-spill.worlds // WORLDS) if spill else prior.layout(start.ensemble_spec(case)).blocks.first.size
     if shards is not None:

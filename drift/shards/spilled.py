@@ -1,8 +1,8 @@
 """A spill's run cut into shards: ranges of whole blocks of its worlds, with all classes of objects.
 
 Each round, the worlds first drawn and those drawn anew after it, is moved shard by shard, and what it was like is kept
-beside the rounds before. What finds say of worlds needs all of them: their fates are put together from the files of the
-shards, in the order of the whole run's slots, and weighed as those of a run in one piece.
+beside the rounds before. What finds say of worlds is made of their fates, read from the files of the shards part by part, as
+from the file of a run in one piece.
 """
 
 import contextlib
@@ -41,6 +41,7 @@ from kernels import coast as device_coast
 from kernels.coast import DeviceCoast
 
 BYTES_STAY = 16  # [bytes] a stay ashore in a shard's file
+BYTES_WEIGHED = 4  # [bytes] a particle, of its weight once all have been weighed
 DRY = "dry"  # note of a shard: objects of each class that found no water
 
 
@@ -138,7 +139,7 @@ class Rounds:
 @contextlib.contextmanager
 def opened(job: Job, run: Shards) -> Iterator[Rounds]:
     """Give what moves the rounds of a spill."""
-    need = work.need(job.case, job.case.particles) + BYTES_STAY * job.case.particles
+    need = work.need(job.case, job.case.particles) + (BYTES_STAY + BYTES_WEIGHED) * job.case.particles
     slices, mark = work.slices(job.case, run.setup.scene), fingerprint.of(job.case, job.where, len(run.spans))
     with (
         work.opened(job.out, mark, need, slices) as kept,

@@ -38,7 +38,7 @@ def cut(spill: Spill, coast: Coast) -> Segments:
 
 
 def build(period: Period, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds) -> finds.Known:
-    """Return what is known of a spill; where particles are at the time of finds at sea is still to be added.
+    """Return what is known of a spill.
 
     Raises UserError for finds and patrols that are not where they can be.
     """
@@ -69,7 +69,6 @@ def build(period: Period, spill: Spill, segments: Segments, coast: Coast, worlds
         exposure.Reporting(rates(spill.reporting, segments), spill.reporting.removal, worlds.reporting),
         segments.length,
         float(last if until is None else period.elapsed(until)),
-        {},
     )
 
 

@@ -53,6 +53,16 @@ class Exposure:
     bounds: npt.NDArray[np.int64]  # (S + 1,) first row of each stretch
     visits: tuple[tuple[int, ...], ...]  # (S,) numbers of the patrols of each stretch by time
 
+    @property
+    def segment(self) -> Array:
+        """The stretch of each row, (m,)."""
+        return np.repeat(np.arange(len(self.visits)), np.diff(self.bounds))
+
+    @property
+    def touched(self) -> Array:
+        """The stretches that have any rows."""
+        return np.flatnonzero(np.diff(self.bounds))
+
 
 def expose(fates: Fates, reporting: Reporting, patrols: tuple[Walk, ...]) -> Exposure:
     """Return the stays of every particle with all that can happen to them ashore."""
@@ -165,7 +175,7 @@ def found(exposed: Exposure, now: float, before: bool = False) -> Real:
     before: leave out the patrols at that very time.
     """
     chance = np.zeros(exposed.slot.size)
-    for s in range(len(exposed.visits)):
+    for s in exposed.touched.tolist():
         rows, total = reported(exposed, s, now)
         for k in exposed.visits[s]:
             time = exposed.patrols[k].time

@@ -17,28 +17,31 @@ spread over its stretches as their length; at sea over an ellipse as wide as wha
 normal law. Without finds and without patrols L is 1: that nothing was found says nothing either.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 from scipy import special
 
 from drift.particles import partials, weights
-from drift.particles.partials import Blocks
 from drift.particles.status import Status
 from drift.spill import exposure, shrinkage
 from drift.spill.exposure import Exposure, Reporting, Walk
-from drift.spill.fates import Fates
+from drift.spill.fates import Adrift, Fates, Source
 from geo import sphere
 from geo.array import Real
 from geo.errors import UserError
 
 Counts = tuple[int, ...]  # finds that are ours, by class
+Standing = Callable[[Fates], Real]  # how many objects each particle stands for, (n,)
+# The rows of a stretch, and how likely each is found there; and the stretches where any can be.
+Law = tuple[Callable[[Exposure, int], tuple[slice, Real]], Sequence[int]]
 
 FAR = 6.0  # radii beyond which a find at sea has no weight
 SAMPLE = 2000  # particles from which the surprise of a find at sea is estimated
+TOGETHER = 256  # worlds whose numbers are summed over at a time
 
 
 @dataclass(frozen=True)
@@ -73,15 +76,6 @@ class Detection:
 
 
 @dataclass(frozen=True)
-class Adrift:
-    """Where all particles are at the time of a find at sea: binary angles and status, (n,)."""
-
-    lon: npt.NDArray[np.int32]
-    lat: npt.NDArray[np.int32]
-    status: npt.NDArray[np.int32]
-
-
-@dataclass(frozen=True)
 class Numbers:
     """The number of objects, their classes and the share destroyed at once, with prior probabilities."""
 
@@ -102,7 +96,7 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Known:
-    """All that is known of a spill up to `now` [s after start]; adrift: by number of the find at sea."""
+    """All that is known of a spill up to `now` [s after start]."""
 
     numbers: Numbers
     finds: tuple[Detection, ...]
@@ -110,7 +104,6 @@ class Known:
     reporting: Reporting
     length: Real  # (S,) of the stretches [m]
     now: float
-    adrift: Mapping[int, Adrift]
     usual: Real | None = None  # (finds,) B of each; None: of the worlds at hand, see usual()
 
 
@@ -119,9 +112,9 @@ class Posterior:
     """Worlds weighed by finds, and their unknown numbers.
 
     log_likelihood, weight: (W,). effective: number of worlds that count. objects, destroyed: posteriors of the numbers'
-    grids. counts: possible numbers of our finds by class; chosen: their probabilities (len(counts), W). found: chance
-    of every particle to have been found, (n,); share: of every world and class, (W, classes), drawn toward other
-    worlds'. alien: probability that each find is none of ours, given all, (finds,).
+    grids. counts: possible numbers of our finds by class; chosen: their probabilities (len(counts), W). share: chance to
+    have been found of every world and class, (W, classes), drawn toward other worlds'. alien: probability that each find
+    is none of ours, given all, (finds,).
     """
 
     known: Known
@@ -132,7 +125,6 @@ class Posterior:
     destroyed: Real
     counts: tuple[Counts, ...]
     chosen: Real
-    found: Real
     share: Real
     alien: Real
 
@@ -151,6 +143,19 @@ class Surprise:
 
 
 @dataclass(frozen=True)
+class _Said:
+    """Sums over the particles of each class and world, of values and of their squares.
+
+    density: of being found as each find was, (finds, 2, classes, W). found: of having been found by each of some times,
+    (times, 2, classes, W). each: particles of a class in a world, (classes,).
+    """
+
+    density: Real
+    found: Real
+    each: npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
 class _Evidence:
     """The finds' densities by class and world, logs (finds, classes, W); alien: of none of ours, (finds,)."""
 
@@ -161,7 +166,7 @@ class _Evidence:
 
 
 def posterior(
-    fates: Fates, known: Known, latent: Real, log_weight: Real, member: npt.NDArray[np.int32] | None = None
+    fates: Source, known: Known, latent: Real, log_weight: Real, member: npt.NDArray[np.int32] | None = None
 ) -> Posterior:
     """Return what finds and patrols say about every world.
 
@@ -169,24 +174,30 @@ def posterior(
     ensemble of winds and currents; None: there is none.
     Raises UserError when there are more finds than objects.
     """
-    exposed = exposure.expose(fates, known.reporting, known.patrols)
-    evidence = _evidence(known, exposed, latent, log_weight, member)
+    said = _said(fates, known, [(known.now, False)])
+    evidence = _evidence(fates, known, said, latent, log_weight, member)
     if not known.finds and not known.patrols:
-        return _weigh(known, exposed, evidence, (), np.zeros(fates.world.size))
+        return _weigh(known, said, evidence, (), 0)
     ours = tuple(k for k, find in enumerate(known.finds) if find.false < 1)
-    found = exposure.found(exposed, known.now)
-    weighed, alien = _weigh(known, exposed, evidence, ours, found), np.zeros(len(known.finds))
+    weighed, alien = _weigh(known, said, evidence, ours, 0), np.zeros(len(known.finds))
     whole = special.logsumexp(evidence.prior + weighed.log_likelihood)
     for k, find in enumerate(known.finds):  # Bayes, over the worlds: L without it, times its density as a false one
         if np.isfinite(evidence.alien[k]):
-            others = _weigh(known, exposed, evidence, tuple(j for j in ours if j != k), found).log_likelihood
+            others = _weigh(known, said, evidence, tuple(j for j in ours if j != k), 0).log_likelihood
             alien[k] = np.exp(min(evidence.alien[k] + special.logsumexp(evidence.prior + others) - whole, 0.0))
         elif find.false >= 1:
             alien[k] = 1.0
     return replace(weighed, alien=alien)
 
 
-def usual(fates: Fates, known: Known, log_weight: Real) -> Real:
+def found(part: Fates, known: Known) -> Real:
+    """Return the chance of each of some particles to have been found by now, (n,)."""
+    if not known.finds and not known.patrols:
+        return np.zeros(part.world.size)
+    return exposure.found(exposure.expose(part, known.reporting, known.patrols), known.now)
+
+
+def usual(fates: Source, known: Known, log_weight: Real) -> Real:
     """Return B of every find that may be false, (finds,): how densely finds of ours lie on average, before any; else 0.
 
     log_weight: (W,) of the worlds before any find. What others leave on the shore does not change when worlds are drawn
@@ -194,8 +205,7 @@ def usual(fates: Fates, known: Known, log_weight: Real) -> Real:
     """
     if not any(0 < find.false < 1 for find in known.finds):
         return np.zeros(len(known.finds))
-    exposed = exposure.expose(fates, known.reporting, known.patrols)
-    return _usual(known, exposed, _prior(fates, log_weight))
+    return _usual(fates, known, _prior(fates, log_weight))
 
 
 def tempered(log_likelihood: Real, least: float, log_weight: Real | float = 0.0) -> float:
@@ -217,69 +227,108 @@ def tempered(log_likelihood: Real, least: float, log_weight: Real | float = 0.0)
 
 
 def surprises(
-    fates: Fates, known: Known, latent: Real, log_weight: Real, member: npt.NDArray[np.int32] | None = None
+    fates: Source, known: Known, latent: Real, log_weight: Real, member: npt.NDArray[np.int32] | None = None
 ) -> tuple[Surprise, ...]:
     """Return for every find, in order of time, how probable its place was before it.
 
     What is given then are the finds and patrols before it.
     """
-    exposed = exposure.expose(fates, known.reporting, known.patrols)
-    evidence = _evidence(known, exposed, latent, log_weight, member)
-    surprises_in_order: list[Surprise] = []
+    said = _said(fates, known, [(find.time, True) for find in known.finds])
+    evidence = _evidence(fates, known, said, latent, log_weight, member)
+    standing: dict[int, Standing] = {}
     before: tuple[int, ...] = ()
     for number in sorted(range(len(known.finds)), key=lambda k: known.finds[k].time):
-        find = known.finds[number]
-        weighed = _weigh(known, exposed, evidence, before, exposure.found(exposed, find.time, before=True))
-        surprises_in_order.append(Surprise(find, *_odds(known, exposed, weighed, number)))
-        if find.false < 1:
+        standing[number] = _expected(fates, known.finds[number].kind, _weigh(known, said, evidence, before, number))
+        if known.finds[number].false < 1:
             before = (*before, number)
-    return tuple(surprises_in_order)
+    ashore = [k for k in standing if not isinstance(known.finds[k].place, AtSea)]
+    rates = _ashore(fates, known, [(standing[k], _law(known, known.finds[k])) for k in ashore])
+    rate, odds = dict(zip(ashore, rates, strict=True)), dict[int, tuple[float, float]]()
+    for k, of_each in standing.items():
+        place = known.finds[k].place
+        odds[k] = _odds_at_sea(fates, k, place, of_each) if isinstance(place, AtSea) else _odds(rate[k], place)
+    return tuple(Surprise(known.finds[k], *odds[k]) for k in standing)
 
 
-def _per_class(fates: Fates, classes: int) -> npt.NDArray[np.int64]:
-    return np.asarray(np.bincount(fates.kind, minlength=classes) // fates.worlds)
+def _per_class(fates: Source, classes: int) -> npt.NDArray[np.int64]:
+    return np.pad(fates.counts, (0, classes - len(fates.counts)))
 
 
-def _standing(fates: Fates, numbers: Numbers, probability: Real) -> Real:
+def _standing(fates: Source, numbers: Numbers, probability: Real) -> Real:
     """Return how many objects each particle of a class stands for on average, (classes,)."""
     return np.asarray(probability @ numbers.by_class / np.maximum(_per_class(fates, numbers.shares.size), 1))
 
 
-def _by_world(fates: Fates, slot: npt.NDArray[np.int32], value: Real, classes: int) -> Real:
-    """Return sums by class and world, (classes, W)."""
-    cell = fates.kind[slot] * fates.worlds + fates.world[slot]
-    sums = np.bincount(cell, value, classes * fates.worlds).astype(float)
-    return np.asarray(sums.reshape(classes, fates.worlds))
+def _expected(fates: Source, kind: int | None, weighed: Posterior) -> Standing:
+    """Return how many objects of a class, or of all, each particle stands for."""
+    each = _standing(fates, weighed.known.numbers, weighed.objects)
+    if kind is not None:
+        each = np.where(np.arange(each.size) == kind, each, 0.0)
+    weight = weighed.weight
+    return lambda part: np.asarray(each[part.kind] * weight[part.world])
 
 
-def _blocks(fates: Fates) -> Blocks:
-    """Return the blocks by which sums over particles are made: whole worlds of a class."""
-    each = np.bincount(fates.kind) // fates.worlds
-    bounds = [0, *(int(n) for n in np.cumsum(each * fates.worlds))]
-    return partials.cut(bounds, bounds[:-1], [max(int(n), 1) * partials.WORLDS for n in each])
+def _by_world(part: Fates, slot: npt.NDArray[np.int32], value: Real, classes: int) -> Real:
+    """Return sums of values and of their squares by class and world, (2, classes, worlds that are here)."""
+    cell = part.kind[slot] * part.many + (part.world[slot] - part.here.start)
+    sums = [np.bincount(cell, values, classes * part.many).astype(float) for values in (value, value**2)]
+    return np.reshape(sums, (2, classes, part.many))
 
 
-def _total(fates: Fates, slot: npt.NDArray[Any], value: Real) -> float:
-    """Return the sum of values of some particles."""
-    return _blocks(fates).total(value, slot)
+def _said(fates: Source, known: Known, times: Sequence[tuple[float, bool]]) -> _Said:
+    """Return what the particles say of their worlds.
+
+    times: by which they have been found, and whether without patrols at that very time.
+    """
+    classes = known.numbers.shares.size
+    density, by_then = (np.zeros((len(of), 2, classes, fates.worlds)) for of in (known.finds, times))
+    for part in fates.parts() if known.finds or known.patrols else ():
+        exposed = exposure.expose(part, known.reporting, known.patrols)
+        every = np.arange(part.world.size, dtype=np.int32)
+        for k in range(len(known.finds)):
+            density[k, :, :, part.here] = _by_world(part, *_found_there(known, exposed, k), classes)
+        for k, (time, before) in enumerate(times):
+            chance = exposure.found(exposed, time, before)
+            by_then[k, :, :, part.here] = _by_world(part, every, chance, classes)
+    return _Said(density, by_then, _per_class(fates, classes))
+
+
+def _ashore(fates: Source, known: Known, asked: Sequence[tuple[Standing, Law]]) -> list[Real]:
+    """Return how many objects are expected to be found on each stretch, (S,) for each that is asked.
+
+    asked: what particles stand for, and the law by which they are found.
+    """
+    tables: list[list[partials.Partial]] = [[] for _ in asked]
+    for part in fates.parts() if asked else ():
+        exposed = exposure.expose(part, known.reporting, known.patrols)
+        for (standing, (law, segments)), table in zip(asked, tables, strict=True):
+            value = np.zeros(exposed.slot.size)
+            for s in np.intersect1d(segments, exposed.touched):
+                rows, chance = law(exposed, int(s))
+                value[rows] = chance
+            value = standing(part)[exposed.slot] * value
+            sums = part.blocks.partial(value, code=exposed.segment, many=known.length.size, slots=exposed.slot)
+            table.append(sums)
+    return [partials.merged(table).total[:, 0] for table in tables]
 
 
 def _evidence(
-    known: Known, exposed: Exposure, latent: Real, log_weight: Real, member: npt.NDArray[np.int32] | None = None
+    fates: Source,
+    known: Known,
+    said: _Said,
+    latent: Real,
+    log_weight: Real,
+    member: npt.NDArray[np.int32] | None = None,
 ) -> _Evidence:
-    fates, numbers = exposed.fates, known.numbers
-    classes = numbers.shares.size
-    n, alike = _per_class(fates, classes), shrinkage.likeness(latent, member)
-    prior = _prior(fates, log_weight)
-    usually = known.usual if known.usual is not None else _usual(known, exposed, prior)
+    classes = known.numbers.shares.size
+    alike, prior = shrinkage.likeness(latent, member), _prior(fates, log_weight)
+    usually = known.usual if known.usual is not None else _usual(fates, known, prior)
     density = np.full((len(known.finds), classes, fates.worlds), -np.inf)
     alien = np.full(len(known.finds), -np.inf)
     for k, find in enumerate(known.finds):
-        slot, value = _found_there(known, exposed, k)
-        sums = _by_world(fates, slot, value, classes)
-        squares = _by_world(fates, slot, value**2, classes)
+        sums, squares = said.density[k]
         for c in range(classes) if find.kind is None else [find.kind]:
-            density[k, c] = np.log(shrinkage.rates(sums[c], squares[c], int(n[c]), alike, _full(known, find)))
+            density[k, c] = np.log(shrinkage.rates(sums[c], squares[c], int(said.each[c]), alike, _full(known, find)))
         if 0 < find.false < 1:
             alien[k] = special.logit(find.false) + np.log(usually[k])
     return _Evidence(density, alien, alike, prior)
@@ -289,16 +338,20 @@ def _found_there(known: Known, exposed: Exposure, number: int) -> tuple[npt.NDAr
     """Return slots and their densities of being found as a find was."""
     find = known.finds[number]
     if isinstance(find.place, AtSea):
-        slot, distance = _around(known.adrift[number], find.place)
+        slot, distance = _around(exposed.fates.adrift[number], find.place)
         area = 2 * np.pi * find.place.radius**2
         return slot, find.place.chance / area * np.exp(-0.5 * (distance / find.place.radius) ** 2)
-    if find.by is not None:
-        rows, value = exposure.searched(exposed, find.place, find.by)
-    elif find.latest:
-        rows, value = exposure.reported(exposed, find.place, find.time)
-    else:
-        rows, value = exposure.public(exposed, find.place, find.time)
+    rows, value = _law(known, find)[0](exposed, find.place)
     return exposed.slot[rows], value
+
+
+def _law(known: Known, find: Detection) -> Law:
+    """Return the law by which particles are found ashore as in a find."""
+    if find.by is not None:
+        return partial(exposure.searched, patrol=find.by), known.patrols[find.by].segments
+    if find.latest:
+        return partial(exposure.reported, until=find.time), range(known.length.size)
+    return partial(exposure.public, time=find.time), range(known.length.size)
 
 
 def _full(known: Known, find: Detection) -> float:
@@ -322,86 +375,100 @@ def _around(adrift: Adrift, place: AtSea) -> tuple[npt.NDArray[np.int32], Real]:
     return slot[kept], distance[kept]
 
 
-def _prior(fates: Fates, log_weight: Real) -> Real:
+def _prior(fates: Source, log_weight: Real) -> Real:
     """Return the log weights of the worlds before any find, normalised, (W,)."""
     shares = weights.shares(np.broadcast_to(np.asarray(log_weight, float), fates.worlds))
     return np.asarray(np.log(shares + 1e-300))
 
 
-def _usual(known: Known, exposed: Exposure, prior: Real) -> Real:
+def _usual(fates: Source, known: Known, prior: Real) -> Real:
     """Return B of every find that may be false, (finds,), at least 1e-300; 0 of the others."""
-    fates, numbers = exposed.fates, known.numbers
-    each = _standing(fates, numbers, numbers.objects_prior)
-    standing = (each[fates.kind] * np.exp(prior)[fates.world]) * (1 - numbers.destroyed_prior @ numbers.destroyed)
     doubtful = {k: find for k, find in enumerate(known.finds) if 0 < find.false < 1}
-    public = any(find.by is None and not isinstance(find.place, AtSea) for find in doubtful.values())
-    dense = _dense(known, exposed, standing) if public else 0.0
-    begun = float(fates.release.min())
-    density = np.zeros(len(known.finds))
+    density, numbers = np.zeros(len(known.finds)), known.numbers
+    if not doubtful:
+        return density
+    each, weight = _standing(fates, numbers, numbers.objects_prior), np.exp(prior)
+    left = 1 - numbers.destroyed_prior @ numbers.destroyed
+
+    def standing(part: Fates) -> Real:
+        return np.asarray(each[part.kind] * weight[part.world] * left)
+
+    begun = float(min(part.release.min() for part in fates.parts()))
+    patrols = {find.by: _law(known, find) for find in doubtful.values() if find.by is not None}
+    all_reported: Law = partial(exposure.reported, until=known.now), range(known.length.size)
+    public, *by_patrol = _ashore(fates, known, [(standing, law) for law in (all_reported, *patrols.values())])
+    expected = dict(zip(patrols, by_patrol, strict=True))
     for k, find in doubtful.items():
         if isinstance(find.place, AtSea):
-            density[k] = _dense_at_sea(known.adrift[k], find.place, standing, _blocks(fates))
+            density[k] = _dense_at_sea(fates, k, find.place, standing)
         elif find.by is not None:
-            places = known.patrols[find.by].segments
-            finds = [exposure.searched(exposed, s, find.by) for s in places]
-            expected = sum(_total(fates, slot := exposed.slot[rows], standing[slot] * chance) for rows, chance in finds)
-            density[k] = expected * known.length[find.place] / known.length[list(places)].sum()
+            places = list(known.patrols[find.by].segments)
+            share = known.length[find.place] / known.length[places].sum()
+            density[k] = sum(expected[find.by][s] for s in places) * share
         else:
             there = float(known.length[find.place] * known.reporting.rate[find.place])
-            density[k] = dense * there * ((find.time - begun) if find.latest else 1.0) / max(known.now - begun, 1.0)
+            lasting = (find.time - begun) if find.latest else 1.0
+            density[k] = _dense(known, public) * there * lasting / max(known.now - begun, 1.0)
     return np.where([k in doubtful for k in range(density.size)], np.maximum(density, 1e-300), 0.0)
 
 
-def _dense(known: Known, exposed: Exposure, standing: Real) -> float:
+def _dense(known: Known, expected: Real) -> float:
     """Return how many public finds of ours there are by metre of coast and reporting rate where one lies on average.
 
-    It is the mean over the finds expected, not over the coast, of which there is as much as the domain happens to hold.
+    It is the mean over the finds expected (S,), not over the coast, of which there is as much as the domain happens to hold.
     """
-    expected = np.zeros(known.length.size)
-    for s in np.flatnonzero(np.diff(exposed.bounds)):
-        rows, chance = exposure.reported(exposed, int(s), known.now)
-        slot = exposed.slot[rows]
-        expected[s] = _total(exposed.fates, slot, standing[slot] * chance)
     there = expected > 0
     exposures = (known.length * known.reporting.rate)[there]
     return float((expected[there] ** 2 / exposures).sum() / max(expected.sum(), 1e-300))
 
 
-def _dense_at_sea(adrift: Adrift, place: AtSea, standing: Real, blocks: Blocks) -> float:
+def _dense_at_sea(fates: Source, number: int, place: AtSea, standing: Standing) -> float:
     """Return how many of ours are found by square metre of an even ellipse as wide as what is adrift."""
-    at = np.flatnonzero((adrift.status == Status.ADRIFT) & (standing > 0))
-    if at.size < 3:
+    lon, lat = np.radians(place.lon), np.radians(place.lat)
+
+    def there(part: Fates) -> tuple[npt.NDArray[np.intp], Real, Real, Real]:
+        """Return the slots of what is adrift, what each stands for, and where it is from the place [m]."""
+        adrift, each = part.adrift[number], standing(part)
+        at = np.flatnonzero((adrift.status == Status.ADRIFT) & (each > 0))
+        return at, each[at], *sphere.offset(lon, lat, adrift.lon[at] * sphere.UNIT, adrift.lat[at] * sphere.UNIT)
+
+    many, sums = 0, []
+    for part in fates.parts():
+        at, weight, x, y = there(part)
+        many += at.size
+        sums.append(part.blocks.partial(weight, weight**2, weight * x, weight * y, slots=at))
+    if many < 3:
         return 0.0
-    middle = np.radians(place.lon), np.radians(place.lat)
-    x, y = sphere.offset(*middle, adrift.lon[at] * sphere.UNIT, adrift.lat[at] * sphere.UNIT)
-    weight = standing[at]
-    total, squares = blocks.total(weight, at), blocks.total(weight**2, at)
-    x, y = (values - blocks.total(weight * values, at) / total for values in (x, y))
-    square = [[blocks.total(weight * a * b, at) for a in (x, y)] for b in (x, y)]
-    spread = np.array(square) / (total - squares / total) + place.radius**2 * np.eye(2)  # as numpy.cov has it
+    total, squares, east, north = partials.merged(sums).total[0]
+    sums = []
+    for part in fates.parts():
+        at, weight, x, y = there(part)
+        x, y = x - east / total, y - north / total
+        sums.append(part.blocks.partial(*(weight * a * b for b in (x, y) for a in (x, y)), slots=at))
+    square = partials.merged(sums).total[0].reshape(2, 2)
+    spread = square / (total - squares / total) + place.radius**2 * np.eye(2)  # as numpy.cov has it
     return float(place.chance * total / (4 * np.pi * np.sqrt(np.linalg.det(spread))))
 
 
-def _weigh(known: Known, exposed: Exposure, evidence: _Evidence, ours: tuple[int, ...], found: Real) -> Posterior:
-    """Return the posterior given some of the finds, and every particle's chance of having been found by then."""
-    fates, numbers = exposed.fates, known.numbers
-    classes, worlds = numbers.shares.size, fates.worlds
-    n = _per_class(fates, classes)
-    every = np.arange(fates.world.size, dtype=np.int32)
-    mean = _by_world(fates, every, found, classes) / np.maximum(n, 1)[:, None]
-    square = _by_world(fates, every, found**2, classes) / np.maximum(n, 1)[:, None]
+def _weigh(known: Known, said: _Said, evidence: _Evidence, ours: tuple[int, ...], then: int) -> Posterior:
+    """Return the posterior given some of the finds, and what had been found by one of the times."""
+    numbers = known.numbers
+    classes, worlds = numbers.shares.size, evidence.prior.size
+    mean, square = said.found[then] / np.maximum(said.each, 1)[:, None]
     share = np.empty((worlds, classes))
     for c in range(classes):
-        share[:, c] = shrinkage.share(mean[c], np.maximum(square[c] - mean[c] ** 2, 0), int(n[c]), evidence.alike)
+        spread = np.maximum(square[c] - mean[c] ** 2, 0)
+        share[:, c] = shrinkage.share(mean[c], spread, int(said.each[c]), evidence.alike)
     counted = _counted(evidence, ours, classes, worlds)
     size = np.full((len(counted), worlds), -np.inf)
     objects = np.full((worlds, numbers.objects.size), -np.inf)
     destroyed = np.full((worlds, numbers.destroyed.size), -np.inf)
     for k, (counts, log) in enumerate(counted.items()):
-        joint = log[:, None, None] + joint_of(numbers, counts, share)
-        size[k] = special.logsumexp(joint, axis=(1, 2))
-        objects = np.logaddexp(objects, special.logsumexp(joint, axis=2))
-        destroyed = np.logaddexp(destroyed, special.logsumexp(joint, axis=1))
+        for own in together(worlds):
+            joint = log[own, None, None] + joint_of(numbers, counts, share[own])
+            size[k, own] = special.logsumexp(joint, axis=(1, 2))
+            objects[own] = np.logaddexp(objects[own], special.logsumexp(joint, axis=2))
+            destroyed[own] = np.logaddexp(destroyed[own], special.logsumexp(joint, axis=1))
     log_likelihood = special.logsumexp(size, axis=0)
     if not np.isfinite(log_likelihood).any():
         fewest = min(sum(counts) for counts in counted)
@@ -425,7 +492,6 @@ def _weigh(known: Known, exposed: Exposure, evidence: _Evidence, ours: tuple[int
         destroyed,
         tuple(counted),
         chosen,
-        found,
         share,
         np.zeros(len(known.finds)),
     )
@@ -448,6 +514,11 @@ def _counted(evidence: _Evidence, ours: tuple[int, ...], classes: int, worlds: i
                 add(counts, log + evidence.alien[k])
         ways = ahead
     return ways
+
+
+def together(worlds: int) -> Iterator[slice]:
+    """Yield ranges of worlds: what is summed over their numbers takes up to 8 kB a world."""
+    return (slice(first, min(first + TOGETHER, worlds)) for first in range(0, worlds, TOGETHER))
 
 
 def joint_of(numbers: Numbers, counts: Counts, share: Real) -> Real:
@@ -475,49 +546,47 @@ def remaining(weighed: Posterior) -> Real:
     numbers, left = weighed.known.numbers, np.zeros_like(weighed.share)
     destroyed = numbers.destroyed
     for counts, chosen in zip(weighed.counts, weighed.chosen, strict=True):
-        joint = joint_of(numbers, counts, weighed.share)
-        peak = joint.max((1, 2), keepdims=True)
-        mass = np.exp(joint - np.where(np.isfinite(peak), peak, 0.0))
-        mass *= (chosen / np.maximum(mass.sum((1, 2)), 1e-300))[:, None, None]
-        for c, found in enumerate(counts):
-            share = np.minimum(weighed.share[:, c, None, None], 1 - 1e-15)
-            alive = (1 - destroyed) * (1 - share) / (1 - (1 - destroyed) * share)
-            left[:, c] += (mass * np.maximum(numbers.by_class[:, c, None] - found, 0) * alive).sum((1, 2))
+        for own in together(len(left)):
+            joint = joint_of(numbers, counts, weighed.share[own])
+            peak = joint.max((1, 2), keepdims=True)
+            mass = np.exp(joint - np.where(np.isfinite(peak), peak, 0.0))
+            mass *= (chosen[own] / np.maximum(mass.sum((1, 2)), 1e-300))[:, None, None]
+            for c, found in enumerate(counts):
+                share = np.minimum(weighed.share[own, c, None, None], 1 - 1e-15)
+                alive = (1 - destroyed) * (1 - share) / (1 - (1 - destroyed) * share)
+                left[own, c] += (mass * np.maximum(numbers.by_class[:, c, None] - found, 0) * alive).sum((1, 2))
     return left
 
 
-def _odds(known: Known, exposed: Exposure, weighed: Posterior, number: int) -> tuple[float, float]:
-    """Return the probability of a find's place, and that of all places at most as probable."""
-    find, fates, numbers = known.finds[number], exposed.fates, known.numbers
-    each = _standing(fates, numbers, weighed.objects)
-    if find.kind is not None:
-        each = np.where(np.arange(each.size) == find.kind, each, 0.0)
-    standing = each[fates.kind] * weighed.weight[fates.world]
-    if isinstance(find.place, AtSea):
-        return _odds_at_sea(known.adrift[number], find.place, standing, _blocks(fates))
-    rate = np.zeros(known.length.size)
-    for s in range(rate.size) if find.by is None else known.patrols[find.by].segments:
-        if find.by is not None:
-            rows, value = exposure.searched(exposed, s, find.by)
-        else:
-            rows, value = (exposure.reported if find.latest else exposure.public)(exposed, s, find.time)
-        slot = exposed.slot[rows]
-        rate[s] = _total(fates, slot, standing[slot] * value)
+def _odds(rate: Real, place: int) -> tuple[float, float]:
+    """Return the probability of a find's stretch, and that of all at most as probable; rate: finds expected, (S,)."""
     if not rate.sum() > 0:
         return 0.0, 0.0
-    rate /= rate.sum()
-    mine = rate[find.place]
+    rate = rate / rate.sum()
+    mine = rate[place]
     return float(mine), float(rate[rate <= mine * (1 + 1e-9)].sum())
 
 
-def _odds_at_sea(adrift: Adrift, place: AtSea, standing: Real, blocks: Blocks) -> tuple[float, float]:
+def _odds_at_sea(fates: Source, number: int, place: AtSea, standing: Standing) -> tuple[float, float]:
     """Return the probability within a radius of a place, and that of particles where it is at most as dense."""
-    running = blocks.running(np.where(adrift.status == Status.ADRIFT, standing, 0.0))
-    if not running[-1] > 0:
+
+    def here(part: Fates) -> Real:
+        return np.where(part.adrift[number].status == Status.ADRIFT, standing(part), 0.0)
+
+    sums = partials.merged([part.blocks.partial(here(part)) for part in fates.parts()])
+    total = float(np.cumsum(sums.sums[:, 0, 0])[-1])
+    if not total > 0:
         return 0.0, 0.0
-    some = np.searchsorted(running, (np.arange(SAMPLE) + 0.5) / SAMPLE * running[-1])  # an even sample, by weight
-    middle = np.radians(place.lon), np.radians(place.lat)
-    x, y = sphere.offset(*middle, adrift.lon[some] * sphere.UNIT, adrift.lat[some] * sphere.UNIT)
+    goal = (np.arange(SAMPLE) + 0.5) / SAMPLE * total  # an even sample, by weight
+    lon, lat, of = np.zeros(SAMPLE), np.zeros(SAMPLE), np.full(SAMPLE, np.inf)
+    for part in fates.parts():
+        running, adrift = part.blocks.running(here(part), sums), part.adrift[number]
+        for own, block in zip(part.blocks.spans, part.blocks.number, strict=True):
+            at = np.searchsorted(running[own], goal)
+            first = (at < own.stop - own.start) & (block < of)  # blocks don't come in the order of the whole run
+            of[first] = block
+            lon[first], lat[first] = (values[own][at[first]] * sphere.UNIT for values in (adrift.lon, adrift.lat))
+    x, y = sphere.offset(np.radians(place.lon), np.radians(place.lat), lon, lat)
     radius = 2 * place.radius**2
     mine = float(np.exp(-(x**2 + y**2) / radius).mean())
     dense = np.array([np.exp(-((x - a) ** 2 + (y - b) ** 2) / radius).mean() for a, b in zip(x, y, strict=True)])

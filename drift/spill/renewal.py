@@ -5,7 +5,7 @@ this is population Monte Carlo (Cappe et al. 2004, doi:10.1198/106186004X12803).
 chosen, never in the result.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,15 +17,14 @@ from scipy import special  # stats would take a second to import
 from drift.forecast import effective
 from drift.motion.period import Period
 from drift.motion.spool import Spool
-from drift.particles import weights
-from drift.particles.ensemble import owners
-from drift.particles.status import Status
-from drift.spill import evidence, finds, release, strandings, unknowns, verdict, washup, worlds
+from drift.particles import partials, weights
+from drift.spill import evidence, finds, realisations, release, unknowns, verdict, washup, worlds
 from drift.spill import tables as washup_tables
-from drift.spill.fates import FOREVER, Fates, Realisation
-from drift.spill.realisations import realise
+from drift.spill.fates import Source
+from drift.spill.kept import Kept
 from drift.spill.records import Spill
 from drift.spill.worlds import Proposal, Worlds
+from geo.array import Array, Real
 from geo.coast.edges import Coast
 from geo.coast.segments import Segments
 
@@ -55,7 +54,7 @@ class Aftermath:
     period: Period
     spill: Spill
     segments: Segments
-    fates: Fates
+    fates: Source  # they can be read as long as the run's files are open
     worlds: Worlds
     prior: Worlds  # worlds of the first round
     posterior: finds.Posterior
@@ -88,8 +87,7 @@ def settle(
     drifted, drawn, rounds, usual = first, first.worlds, [0.0], None
     while True:
         known = evidence.build(period, spill, segments, coast, drawn)
-        known = replace(known, adrift=_adrift(period, known, drifted.snapshots))
-        fates = _fates(spill, drifted, segments)
+        fates = kept(period, spill, drifted.snapshots, segments, known)
         usual = finds.usual(fates, known, drawn.log_weight) if usual is None else usual
         known = replace(known, usual=usual)
         posterior = finds.posterior(fates, known, drawn.latent, drawn.log_weight, drawn.member)
@@ -101,12 +99,11 @@ def settle(
         # prior.
         aim = posterior.log_likelihood + drawn.log_weight
         about = worlds.around(drawn, weights.shares(finds.tempered(aim, least) * aim))
-        del known, fates, posterior  # what moves the next round needs the room
         drifted = renew(about, len(rounds))
         assert drifted.worlds is not None
         drawn = drifted.worlds
         rounds.append(0.0)
-    _reweigh(drifted, fates, posterior)
+    drifted.snapshots.reweigh(_log_weights(fates, posterior))
     aftermath = Aftermath(
         period,
         spill,
@@ -116,42 +113,30 @@ def settle(
         first.worlds,
         posterior,
         finds.surprises(fates, known, drawn.latent, drawn.log_weight, drawn.member),
-        _washup(period, spill, segments, fates, posterior, drifted),
+        washup.build(
+            realisations.realise(fates, posterior, drifted.seed, spills(spill)),
+            segments,
+            posterior.weight,
+            _outputs(period, drifted.snapshots),
+            period.start,
+            [kind.name for kind in spill.kinds],
+            spills(spill),
+            drifted.snapshots.folder,
+        ),
         tuple(rounds),
     )
     return drifted, aftermath
 
 
-def _fates(spill: Spill, drifted: Drifted, segments: Segments) -> Fates:
-    """Return what became of every particle by the end of the run."""
-    spool = drifted.snapshots
-    world, began, since = spool.columns(("world", "release", "status_since"))
-    (ending,) = spool.columns(("status",), len(spool) - 1)
-    over = np.isin(ending, (Status.SUNK, Status.LEFT, Status.OUTSIDE))
-    return Fates(
-        worlds=spill.worlds,
-        world=world,
-        kind=owners(release.layout(spill).bounds),
-        release=began,
-        ended=np.where(over, since, FOREVER).astype(np.int32),
-        ending=ending.astype(np.int32),
-        stays=strandings.stays(spool, segments.of_edge),
-    )
-
-
-def _adrift(period: Period, known: finds.Known, snapshots: Spool) -> dict[int, finds.Adrift]:
-    """Return where the particles are at the times of finds at sea, which are output times."""
+def kept(period: Period, spill: Spill, snapshots: Spool, segments: Segments, known: finds.Known) -> Kept:
+    """Return what became of every particle by the end of the run, and where it was at the times of finds at sea."""
     times = _outputs(period, snapshots).tolist()
-    adrift = {}
-    for number, find in enumerate(known.finds):
-        if isinstance(find.place, finds.AtSea):
-            lon, lat, status = snapshots.columns(("lon", "lat", "status"), times.index(find.time))
-            adrift[number] = finds.Adrift(lon, lat, status.astype(np.int32))
-    return adrift
+    at_sea = {k: times.index(find.time) for k, find in enumerate(known.finds) if isinstance(find.place, finds.AtSea)}
+    return Kept(snapshots, spill.worlds, release.per_world(spill), segments.of_edge, at_sea)
 
 
-def _reweigh(drifted: Drifted, fates: Fates, posterior: finds.Posterior) -> None:
-    """Give the particles the weights of what is left.
+def _log_weights(fates: Source, posterior: finds.Posterior) -> Iterator[Array]:
+    """Yield the log weights of what is left, part by part; the largest is 0.
 
     A world's weight is shared among its particles: by class in proportion to the objects still to be found, and within
     a class in proportion to each particle's chance of not having been found.
@@ -159,13 +144,29 @@ def _reweigh(drifted: Drifted, fates: Fates, posterior: finds.Posterior) -> None
     left = finds.remaining(posterior)
     if not (left * posterior.weight[:, None]).any():  # if all are found, the map shows where they could have been
         left = np.ones_like(left)
-    cell = fates.world.astype(np.int64) * left.shape[1] + fates.kind
-    unfound = 1 - posterior.found
-    shared = np.bincount(cell, unfound, left.size)
+    shared, largest = unfound(fates, posterior.known)
     with np.errstate(divide="ignore"):
-        each = np.log(posterior.weight)[:, None] + np.log(left) - np.log(np.maximum(shared, 1e-300)).reshape(left.shape)
-        log_weight = each.ravel()[cell] + np.log(np.maximum(unfound, 1e-300))
-    drifted.snapshots.reweigh((log_weight - log_weight.max()).astype(np.float32))
+        each = np.log(posterior.weight)[:, None] + np.log(left) - np.log(np.maximum(shared, 1e-300))
+    top = (each + np.log(np.maximum(largest, 1e-300))).max()
+    for part in fates.parts():
+        chance = 1 - finds.found(part, posterior.known)
+        log_weight = each[part.world, part.kind] + np.log(np.maximum(chance, 1e-300))
+        yield (log_weight - top).astype(np.float32)
+
+
+def unfound(fates: Source, known: finds.Known) -> tuple[Real, Real]:
+    """Return the sum of the chances of not having been found of a world's particles of a class, and the largest.
+
+    Both are (W, classes).
+    """
+    shared, largest = (np.zeros((fates.worlds, len(fates.counts))) for _ in range(2))
+    for part in fates.parts():
+        chance = 1 - finds.found(part, known)
+        cell = (part.world - part.here.start) * shared.shape[1] + part.kind
+        shared[part.here] = np.bincount(cell, chance, part.many * shared.shape[1]).reshape(part.many, -1)
+        for kind in range(shared.shape[1]):
+            largest[part.here, kind] = chance[part.kind == kind].reshape(part.many, -1).max(axis=1)
+    return shared, largest
 
 
 def _outputs(period: Period, snapshots: Spool) -> npt.NDArray[np.int64]:
@@ -173,15 +174,9 @@ def _outputs(period: Period, snapshots: Spool) -> npt.NDArray[np.int64]:
     return period.seconds(snapshots.time(k) for k in range(len(snapshots)))
 
 
-def _washup(
-    period: Period, spill: Spill, segments: Segments, fates: Fates, posterior: finds.Posterior, drifted: Drifted
-) -> xr.Dataset:
-    count = int(np.clip(spill.per_world // spill.objects[1], 1, REALISATIONS))
-    drawn: Sequence[Realisation] = realise(fates, posterior, drifted.seed, count)
-    kinds = [kind.name for kind in spill.kinds]
-    return washup.build(
-        fates, segments, drawn, posterior.weight, _outputs(period, drifted.snapshots), period.start, kinds
-    )
+def spills(spill: Spill) -> int:
+    """Return how many complete spills are drawn in every world."""
+    return int(np.clip(spill.per_world // spill.objects[1], 1, REALISATIONS))
 
 
 def unknown(after: Aftermath) -> dict[str, Any]:
@@ -291,11 +286,14 @@ def _odds(after: Aftermath) -> tuple[float, float]:
     if not posterior.known.finds and not posterior.known.patrols:
         return 1.0, 1.0
     world = weights.shares(after.worlds.log_weight)
-    chance = (posterior.share @ numbers.shares)[:, None, None] * (1 - numbers.destroyed)
-    joint = world[:, None, None] * numbers.objects_prior[:, None] * numbers.destroyed_prior
-    count = numbers.objects[:, None]
-    few = float((joint * special.bdtr(np.minimum(ashore, count), count, chance)).sum())
-    return few, float((joint * special.bdtrc(np.minimum(ashore - 1, count), count, chance)).sum())
+    share, given = posterior.share @ numbers.shares, numbers.objects_prior[:, None] * numbers.destroyed_prior
+    count, odds = numbers.objects[:, None], np.empty((len(world), 2))
+    for own in finds.together(len(world)):
+        chance = share[own, None, None] * (1 - numbers.destroyed)
+        odds[own, 0] = (given * special.bdtr(np.minimum(ashore, count), count, chance)).sum((1, 2))
+        odds[own, 1] = (given * special.bdtrc(np.minimum(ashore - 1, count), count, chance)).sum((1, 2))
+    few, many = partials.over_worlds(world[:, None] * odds).tolist()
+    return few, many
 
 
 def notes(spill: Spill) -> list[str]:

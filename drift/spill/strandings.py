@@ -8,13 +8,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drift.motion.spool import Reel, Spool
+from drift.motion.spool import Portion, Reel
 from drift.particles.ensemble import Ensemble, Layout
 from drift.particles.status import Status
 from drift.spill.fates import FOREVER, Stays
 from geo.array import Array
 
-NOTE = "stays"
+NOTE = "stays"  # slot, edge, arrival and leave of each, by slot and arrival
+BEGUN = "stays of blocks"  # the first of each block of particles, and the number of all
 
 
 @dataclass
@@ -49,19 +50,24 @@ class Landings:
         there = np.flatnonzero(self.ensemble.status.to_numpy() == Status.ASHORE)
         ended, edge = self.ensemble.status_since.to_numpy()[there], self.ensemble.edge.to_numpy()[there]
         last = np.stack([there, edge, ended, np.full(there.size, FOREVER)])
-        reel.note(NOTE, np.concatenate([*self._rows, last], axis=1).astype(np.int32).ravel())
+        rows = np.concatenate([*self._rows, last], axis=1).astype(np.int32)
+        rows = rows[:, np.lexsort((rows[2], rows[0]))]
+        reel.note(NOTE, rows.T.ravel())
+        reel.note(BEGUN, np.searchsorted(rows[0], _edges(self.ensemble.layout)))
 
 
-def stays(spool: Spool, of_edge: Array) -> Stays:
-    """Return all stays that have been taken down; of_edge: the segment of every shoreline edge, by number."""
-    parts = [_numbered(layout, noted.reshape(4, -1)) for layout, noted in spool.noted(NOTE)]
+def stays(portion: Portion, of_edge: Array) -> Stays:
+    """Return the stays of some particles, by their slots among them; of_edge: the segment of every shoreline edge."""
+    reel, begun, parts, ahead = portion.reel, portion.reel.noted(BEGUN), [], 0
+    for first, last, _ in portion.slots:
+        a, b = begun[np.searchsorted(_edges(reel.layout), (first, last))].tolist()
+        rows = reel.noted(NOTE, 4 * a, 4 * b).reshape(-1, 4).T
+        parts.append(rows - np.array([[first - ahead], [0], [0], [0]], np.int32))
+        ahead += last - first
     slot, edge, arrival, leave = np.concatenate(parts, axis=1)
-    order = np.lexsort((arrival, slot))
-    return Stays(slot[order], of_edge[edge[order]].astype(np.int32), arrival[order], leave[order])
+    return Stays(slot, of_edge[edge].astype(np.int32), arrival, leave)
 
 
-def _numbered(layout: Layout, rows: Array) -> Array:
-    """Return the rows of a shard with the numbers that its slots have in the whole run."""
-    shift = np.array(layout.numbers) - np.array(layout.bounds[:-1])
-    slot = rows[0] + shift[np.searchsorted(layout.bounds, rows[0], "right") - 1]
-    return np.concatenate([slot.astype(np.int32)[None], rows[1:]])
+def _edges(layout: Layout) -> Array:
+    """Return the first slot of each block and, last, the number of slots."""
+    return np.append(layout.blocks.first, layout.blocks.n)

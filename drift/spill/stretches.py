@@ -1,6 +1,8 @@
 """How many objects lie on each stretch of coast, and when they come: figures over simulated spills.
 
-Works stretch by stretch in pieces of CELLS rows by time: memory does not grow with the number of stretches.
+What each world brings to each stretch is counted part by part of the worlds, in whole numbers, and lies in a file.
+Figures are made of that stretch by stretch in pieces of CELLS rows by time: memory grows neither with the number of
+particles nor with that of stretches.
 """
 
 from collections.abc import Iterator, Sequence
@@ -8,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drift.motion.spool import Reel
 from drift.particles import weights
 from drift.spill import estimate
 from drift.spill.dataset import SHARES
-from drift.spill.fates import Fates, Realisation
+from drift.spill.fates import FOREVER, Fates, Realisation
 from geo.array import Array
 
 CELLS = 2_000_000  # most rows (a stretch in a world) times output times that are worked on together
@@ -32,31 +35,77 @@ def settled(fates: Fates) -> dict[str, Array]:
 
 
 @dataclass(frozen=True)
-class Rows:
-    """Stays of drawn objects (m,), sorted into rows, one for each stretch and world.
+class _Rows:
+    """What some worlds bring to stretches: a row for each stretch and world, sorted by stretch, then by world.
 
-    Rows (r,) are sorted by stretch.
+    Shapes are (r,), (realisations, r) of times, and (.., r, T) of numbers by output time.
     """
 
-    slot: Array
-    row: Array
-    arrival: Array  # [s after start]
-    begin: Array  # index of the first output at which it lies there
-    end: Array  # index of the first output at which it no longer does
-    debut: Array  # whether it is the slot's first on the stretch
-    segment: Array  # (r,)
-    world: Array  # (r,)
-    most: Array  # (r,) largest number of objects in the row in any realisation
-    first: Array  # (s,) first row of each stretch
-    times: int
+    segment: Array
+    world: Array
+    most: Array  # largest number of objects in the row in any realisation
+    lying: Array  # (realisations, r, T) objects that lie there
+    arrived: Array  # (1, r, T) objects that ever lay there, of all realisations
+    by_kind: Array  # (kinds, r, T) objects that lie there by class, of all realisations; of one class there are none
+    first: Array  # when the first object arrives [s after start]; FOREVER: none does
+    before: Array  # when the last one of the first half arrives
+    after: Array  # when the first one of the other half does: the same of an odd number
 
 
-def sorted_rows(fates: Fates, realisations: Sequence[Realisation], weight: Array, outputs: Array) -> Rows:
-    """Return the stays of all drawn objects as rows.
+class Table:
+    """The rows of all worlds in a file, added part by part."""
 
-    weight: of the worlds, (W,). outputs: times [s after start], (T,).
-    """
-    clean, stays = settled(fates), fates.stays
+    def __init__(self, file: Reel, realisations: int, times: int, kinds: int) -> None:
+        """Begin without any row."""
+        self._file, self._times, self._realisations = file, times, realisations
+        self._kinds = kinds if kinds > 1 else 0
+        # Of each part, its stretches; of these, the first row and, last, the number of all; and most objects in a row.
+        self._parts: list[tuple[Array, Array, Array]] = []
+
+    @property
+    def _width(self) -> int:
+        return 3 + (self._realisations + 1 + self._kinds) * self._times + 3 * self._realisations
+
+    def add(self, fates: Fates, realisations: Sequence[Realisation], weight: Array, outputs: Array) -> None:
+        """Add the rows of some worlds; weight: of all worlds, (W,). outputs: times [s after start], (T,)."""
+        rows = _counted(fates, realisations, weight, outputs, self._kinds)
+        segment, first = np.unique(rows.segment, return_index=True)
+        bounds = np.append(first, rows.segment.size)
+        most = np.maximum.reduceat(rows.most, first) if first.size else first
+        columns = [np.stack([rows.segment, rows.world, rows.most], axis=1)]
+        columns += [number for of in (rows.lying, rows.arrived, rows.by_kind) for number in of]
+        columns += [np.stack([*rows.first, *rows.before, *rows.after], axis=1)]
+        self._file.note(f"{len(self._parts)}", np.concatenate(columns, axis=1).astype(np.int32).ravel())
+        self._parts.append((segment, bounds, most))
+
+    def pieces(self) -> Iterator[_Rows]:
+        """Yield the rows of runs of stretches that fit into CELLS; each run holds at least one stretch."""
+        touched = np.unique(np.concatenate([segment for segment, _, _ in self._parts]))
+        rows, largest = np.zeros((2, touched.size), np.int64)
+        for segment, bounds, most in self._parts:
+            which = np.searchsorted(touched, segment)
+            rows[which] += np.diff(bounds)
+            largest[which] = np.maximum(largest[which], most)
+        for begin, end in _runs((self._times * np.maximum(rows, largest + 1)).tolist()):
+            yield self._read(touched[begin], touched[end - 1])
+
+    def _read(self, first: int, last: int) -> _Rows:
+        """Return the rows of the stretches from one number to another."""
+        parts = []
+        for number, (segment, bounds, _) in enumerate(self._parts):
+            begin, end = bounds[np.searchsorted(segment, first)], bounds[np.searchsorted(segment, last, "right")]
+            parts.append(self._file.noted(f"{number}", begin * self._width, end * self._width).reshape(-1, self._width))
+        every = np.concatenate(parts)
+        every = every[np.argsort(every[:, 0], kind="stable")]  # worlds are in their order
+        r, sizes = len(every), (3, self._realisations * self._times, self._times, self._kinds * self._times)
+        head, lying, arrived, by_kind, when = np.split(every, np.cumsum(sizes), axis=1)
+        numbers = [x.reshape(r, -1, self._times).swapaxes(0, 1) for x in (lying, arrived, by_kind)]
+        return _Rows(*head.T, *numbers, *when.T.reshape(3, self._realisations, r))
+
+
+def _counted(fates: Fates, realisations: Sequence[Realisation], weight: Array, outputs: Array, kinds: int) -> _Rows:
+    """Return the rows of some worlds; kinds: number of classes that are told apart."""
+    clean, stays, times = settled(fates), fates.stays, len(outputs)
     drawn = np.zeros(len(fates.world), bool)
     for realisation in realisations:
         drawn |= realisation.stands > 0
@@ -67,69 +116,62 @@ def sorted_rows(fates: Fates, realisations: Sequence[Realisation], weight: Array
     debut[np.unique(slot * (segment.max(initial=0) + 1) + segment, return_index=True)[1]] = True
     pair = segment * fates.worlds + fates.world[slot]
     order = np.lexsort((arrival, pair))
-    chosen, slot, pair, arrival = chosen[order], slot[order], pair[order], arrival[order]
-    pairs, heads, row = np.unique(pair, return_index=True, return_inverse=True)
-    most = np.zeros(len(pairs), np.int64)
-    for realisation in realisations if len(pairs) else ():
-        most = np.maximum(most, np.add.reduceat(realisation.stands[slot].astype(np.int64), heads))
-    segment = pairs // fates.worlds
-    return Rows(
-        slot=slot,
-        row=row,
-        arrival=arrival,
-        begin=np.searchsorted(outputs, arrival),
-        end=np.searchsorted(outputs, clean["leave"][chosen]),
-        debut=debut[order],
-        segment=segment,
-        world=pairs % fates.worlds,
-        most=most,
-        first=np.unique(segment, return_index=True)[1],
-        times=len(outputs),
-    )
+    chosen, slot, pair, arrival, debut = chosen[order], slot[order], pair[order], arrival[order], debut[order]
+    pairs, row = np.unique(pair, return_inverse=True)
+    r, begin, end = len(pairs), np.searchsorted(outputs, arrival), np.searchsorted(outputs, clean["leave"][chosen])
 
-
-def runs(rows: Rows) -> Iterator[tuple[int, int]]:
-    """Yield runs of stretches, from the first to before the second, that fit into CELLS.
-
-    Each holds at least one stretch.
-    """
-    if not len(rows.first):
-        return
-    count = np.diff(np.append(rows.first, len(rows.segment)))
-    size = rows.times * np.maximum(count, np.maximum.reduceat(rows.most, rows.first) + 1)
-    begin, used = 0, 0
-    for i, cells in enumerate(size.tolist()):
-        if i > begin and used + cells > CELLS:
-            yield begin, i
-            begin, used = i, 0
-        used += cells
-    yield begin, len(size)
-
-
-@dataclass(frozen=True)
-class _Piece:
-    """A run of stretches that is worked on together: its stays (m,), its rows (r,), its stretches (s,)."""
-
-    rows: Rows
-    stays: slice  # which of the rows' stays
-    slot: Array  # (m,)
-    row: Array  # (m,) counted from the piece's first
-    start: Array  # (s,) first row of each stretch
-    stretch: Array  # (r,) number of its stretch in the piece
-    weight: Array  # (r,) of its world
-    squares: float  # sum of squared weights of all worlds
-
-    def lying(self, amount: Array, leaves: bool = True) -> Array:
+    def lying(amount: Array, leaves: bool = True) -> Array:
         """Return how many objects lie there by row and time, int32 (r, T); amount: of each stay (m,).
 
         leaves: whether stays end; else those that ever lay there count.
         """
-        times = self.rows.times
-        change = np.zeros(self.weight.size * (times + 1), np.int32)
-        np.add.at(change, self.row * (times + 1) + self.rows.begin[self.stays], amount)
+        change = np.zeros(r * (times + 1), np.int32)
+        np.add.at(change, row * (times + 1) + begin, amount)
         if leaves:
-            np.subtract.at(change, self.row * (times + 1) + self.rows.end[self.stays], amount)
+            np.subtract.at(change, row * (times + 1) + end, amount)
         return np.cumsum(change.reshape(-1, times + 1), axis=1, dtype=np.int32)[:, :-1]
+
+    amounts = [realisation.stands[slot] for realisation in realisations]
+    total = np.sum(amounts, axis=0, dtype=np.int32)
+    of_kind = [lying(np.where(fates.kind[slot] == kind, total, 0)) for kind in range(kinds)]
+    when = [_arrivals(row, r, arrival, np.where(debut, amount, 0)) for amount in amounts]
+    return _Rows(
+        segment=pairs // fates.worlds,
+        world=pairs % fates.worlds,
+        most=np.max([np.bincount(row, amount, r) for amount in amounts], axis=0).astype(np.int64),
+        lying=np.array([lying(amount) for amount in amounts]),
+        arrived=lying(np.where(debut, total, 0), leaves=False)[None],
+        by_kind=np.reshape(of_kind, (kinds, r, times)),
+        first=np.array([one[0] for one in when]),
+        before=np.array([one[1] for one in when]),
+        after=np.array([one[2] for one in when]),
+    )
+
+
+def _runs(sizes: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """Yield runs of stretches, from the first to before the second, that fit into CELLS.
+
+    Each holds at least one stretch.
+    """
+    begin, used = 0, 0
+    for i, cells in enumerate(sizes):
+        if i > begin and used + cells > CELLS:
+            yield begin, i
+            begin, used = i, 0
+        used += cells
+    if sizes:
+        yield begin, len(sizes)
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """A run of stretches that is worked on together: its rows (r,), its stretches (s,)."""
+
+    times: int
+    start: Array  # (s,) first row of each stretch
+    stretch: Array  # (r,) number of its stretch in the piece
+    weight: Array  # (r,) of its world
+    squares: float  # sum of squared weights of all worlds
 
     def mean(self, name: str, values: Array) -> dict[str, Array]:
         """Return the mean over worlds, (T, s), its error, and what `unseen` needs.
@@ -152,7 +194,7 @@ class _Histogram:
 
     def __init__(self, piece: _Piece, most: Array) -> None:
         """Begin without any spill; most: largest number in each row, (r,)."""
-        self._piece, times = piece, piece.rows.times
+        self._piece, times = piece, piece.times
         self._classes = np.maximum.reduceat(most, piece.start) + 1
         self._base = np.append(0, np.cumsum(self._classes * times))
         self._cell = self._base[piece.stretch][:, None] + np.arange(times) * self._classes[piece.stretch][:, None]
@@ -160,7 +202,7 @@ class _Histogram:
 
     def add(self, number: Array, share: float) -> None:
         """Count numbers by row and time (r, T); share: of the world's weight that they have."""
-        filled = np.repeat(self._piece.weight * share, self._piece.rows.times)
+        filled = np.repeat(self._piece.weight * share, self._piece.times)
         self._weight += np.bincount((self._cell + number).ravel(), filled, minlength=self._base[-1])
 
     def quantiles(self) -> dict[str, Array]:
@@ -168,7 +210,7 @@ class _Histogram:
 
         Worlds of which nothing ever touches a stretch have the number 0 there.
         """
-        piece, times = self._piece, self._piece.rows.times
+        piece, times = self._piece, self._piece.times
         groups = (self._base[:-1, None] + np.arange(times) * self._classes[:, None]).ravel()
         self._weight[groups] += np.repeat(1 - np.add.reduceat(piece.weight, piece.start), times).clip(0)
         numbers = np.arange(self._base[-1]) - np.repeat(groups, np.repeat(self._classes, times))
@@ -177,49 +219,28 @@ class _Histogram:
         return {"number": number.reshape(shape).swapaxes(1, 2), "number_se": error.reshape(shape).swapaxes(1, 2)}
 
 
-def _piece(rows: Rows, run: tuple[int, int], weight: Array) -> _Piece:
-    """Return a run of stretches, from the first to before the second; weight: of the worlds, (W,)."""
-    bounds = np.append(rows.first, len(rows.segment))
-    low, high = bounds[run[0]], bounds[run[1]]
-    stays = slice(*np.searchsorted(rows.row, (low, high)))
-    start = rows.first[slice(*run)] - low
-    stretch = np.repeat(np.arange(len(start)), np.diff(np.append(start, high - low)))
-    squares = float(np.sum(weight**2))
-    slot, row = rows.slot[stays], rows.row[stays] - low
-    return _Piece(rows, stays, slot, row, start, stretch, weight[rows.world[low:high]], squares)
-
-
-def figures(
-    rows: Rows, run: tuple[int, int], fates: Fates, realisations: Sequence[Realisation], weight: Array, kinds: int
-) -> dict[str, Array]:
-    """Return the figures of a run of stretches; the last axis of each is the stretch."""
-    piece = _piece(rows, run, weight)
-    bounds = np.append(rows.first, len(rows.segment))
-    histogram = _Histogram(piece, rows.most[bounds[run[0]] : bounds[run[1]]])
-    share, debut, shape = 1 / len(realisations), rows.debut[piece.stays], (piece.weight.size, rows.times)
-    sums = {name: np.zeros(shape, np.int32) for name in MEANS}
-    by_kind = np.zeros((kinds, *shape), np.int32) if kinds > 1 else None
-    firsts: list[tuple[Array, Array, Array]] = []
-    for realisation in realisations:
-        amount = realisation.stands[piece.slot]
-        number = piece.lying(amount)
-        sums["expected"] += number
-        sums["probability"] += number > 0
-        sums["arrived"] += piece.lying(np.where(debut, amount, 0), leaves=False)
-        if by_kind is not None:
-            for kind in range(kinds):
-                by_kind[kind] += piece.lying(np.where(fates.kind[piece.slot] == kind, amount, 0))
+def figures(rows: _Rows, weight: Array) -> dict[str, Array]:
+    """Return the figures of a run of stretches; the last axis of each is the stretch. weight: of the worlds, (W,)."""
+    start = np.unique(rows.segment, return_index=True)[1]
+    stretch = np.repeat(np.arange(len(start)), np.diff(np.append(start, len(rows.segment))))
+    piece = _Piece(rows.lying.shape[-1], start, stretch, weight[rows.world], float(np.sum(weight**2)))
+    histogram, share = _Histogram(piece, rows.most.astype(np.int64)), 1 / len(rows.lying)
+    for number in rows.lying:
         histogram.add(number, share)
-        firsts.append(_arrivals(piece.row, rows.arrival[piece.stays], np.where(debut, amount, 0)))
-    figures = histogram.quantiles()
+    sums = {
+        "expected": rows.lying.sum(axis=0, dtype=np.int32),
+        "probability": (rows.lying > 0).sum(axis=0, dtype=np.int32),
+        "arrived": rows.arrived[0],
+    }
+    figures = {"segment": rows.segment[start].astype(np.int64)} | histogram.quantiles()
     for name, values in sums.items():
         figures |= piece.mean(name, values * share)
-    if by_kind is not None:
-        each = [piece.mean("expected_by_kind", values * share) for values in by_kind]
+    if len(rows.by_kind):
+        each = [piece.mean("expected_by_kind", values * share) for values in rows.by_kind]
         figures |= {name: np.array([kind[name] for kind in each]) for name in each[0]}
     else:
         figures |= {"expected_by_kind": figures["expected"][None], "expected_by_kind_se": figures["expected_se"][None]}
-    return figures | _when(firsts, piece.weight * share, piece.stretch, piece.start, piece.squares)
+    return figures | _when(rows, piece.weight * share, stretch, start, piece.squares)
 
 
 def _hits(name: str, value: Array, weight: Array, start: Array) -> dict[str, Array]:
@@ -246,8 +267,8 @@ def unseen(figures: dict[str, Array], weight: Array) -> dict[str, Array]:
     return errors
 
 
-def _arrivals(row: Array, arrival: Array, amount: Array) -> tuple[Array, Array, Array]:
-    """Return the rows at which any object arrives, the time of the first arrival in each, and the median time.
+def _arrivals(row: Array, many: int, arrival: Array, amount: Array) -> tuple[Array, Array, Array]:
+    """Return of all rows when the first object arrives, and the two in the middle, int32 (many,); FOREVER: none does.
 
     row: (m,) ascending; arrival: (m,) [s] ascending in each row; amount: (m,) objects, each arrives once.
     """
@@ -258,19 +279,23 @@ def _arrivals(row: Array, arrival: Array, amount: Array) -> tuple[Array, Array, 
     before = running[head] - amount[head]
     last = np.append(running[head[1:] - 1], running[-1:]) - before - 1  # number of the row's last object, from 0
     middle = [arrival[np.searchsorted(running, before + which, side="right")] for which in (last // 2, (last + 1) // 2)]
-    return rows, arrival[head].astype(np.float64), np.mean(middle, axis=0)
+    when = np.full((3, many), FOREVER, np.int32)
+    when[:, rows] = arrival[head], *middle
+    return when[0], when[1], when[2]
 
 
-def _when(
-    firsts: Sequence[tuple[Array, Array, Array]], weight: Array, stretch: Array, start: Array, squares: float
-) -> dict[str, Array]:
+def _when(rows: _Rows, weight: Array, stretch: Array, start: Array, squares: float) -> dict[str, Array]:
     """Return when the first object and the bulk arrive [s after start], if any does, and how probable that is.
 
-    firsts: of each realisation, see _arrivals; weight: of a row in each realisation.
+    weight: of a row in each realisation.
     """
-    row = np.concatenate([arrivals[0] for arrivals in firsts])
-    any_comes = np.bincount(row, minlength=len(weight))[:, None] / len(firsts)
-    ever, ever_se = estimate.mean(any_comes, weight * len(firsts), start, squares)
+    which, row = np.nonzero(rows.first != FOREVER)  # realisation after realisation
+    when = {
+        "first_arrival": rows.first[which, row].astype(np.float64),
+        "bulk_arrival": np.mean([rows.before[which, row], rows.after[which, row]], axis=0),
+    }
+    any_comes = np.bincount(row, minlength=len(weight))[:, None] / len(rows.first)
+    ever, ever_se = estimate.mean(any_comes, weight * len(rows.first), start, squares)
     ever_se = np.maximum(ever_se, estimate.least_error(ever, 1 / squares))
     mass = weight * any_comes[:, 0]
     # Weights are relative to the largest of each stretch: their squares may be too small for a float.
@@ -278,8 +303,7 @@ def _when(
     part = mass / np.repeat(np.maximum(np.maximum.reduceat(mass, start), np.finfo(float).tiny), size)
     many = np.add.reduceat(part, start) ** 2 / np.maximum(np.add.reduceat(part**2, start), np.finfo(float).tiny)
     figures = {"ever": ever[:, 0], "ever_se": ever_se[:, 0], "effective_arrivals": many}
-    for name, which in (("first_arrival", 1), ("bulk_arrival", 2)):
-        value = np.concatenate([arrivals[which] for arrivals in firsts])
+    for name, value in when.items():
         order = np.lexsort((value, stretch[row]))
         head = np.searchsorted(stretch[row][order], np.arange(len(start)))
         figures[name], figures[f"{name}_se"] = estimate.quantiles(value[order], weight[row][order], head, SHARES, many)

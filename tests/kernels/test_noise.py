@@ -132,3 +132,13 @@ def test_a_new_seed_compiles_nothing() -> None:
     draw(10, seed=2**63 + 5, step=7)
     assert len(_draw._primal.compiled_kernels) == before
     assert runtime.backend() == "cpu"
+
+
+@pytest.mark.parametrize("drawn", range(6))
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 4, 5, 11, 4001])
+def test_numbers_that_are_passed_over_are_those_that_are_drawn(drawn: int, count: int) -> None:
+    rng = noise.generator(7, Purpose.REALISATIONS)
+    rng.random(drawn)
+    ahead = noise.later(rng, count)
+    rng.random(count)
+    assert ahead.random(9).tolist() == rng.random(9).tolist()

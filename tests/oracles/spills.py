@@ -1,12 +1,15 @@
 """Spills for tests: fates made by hand, a whole case on a straight coast, and an independent sampler of its closed form."""
 
+import itertools
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy import stats
 
 import drift
-from drift.spill.fates import FOREVER, Fates, Stays
+from drift.spill.fates import FOREVER, Adrift, Fates, Stays
 from geo import sphere
 
 DAY = 86_400
@@ -92,3 +95,27 @@ def scattered(worlds: int, n: list[int], seed: int = 3) -> Fates:
             if again:
                 stays.append((slot, int(rng.integers(0, 3)), leave + 7200, FOREVER))
     return spill(worlds, n, stays)
+
+
+class Cut:
+    """Fates in parts, from one number of a world to the next: a drift.spill.fates.Source."""
+
+    def __init__(self, fates: Fates, *edges: int) -> None:
+        self._fates, self._edges = fates, edges
+        self.worlds, self.counts = fates.worlds, fates.counts
+
+    def parts(self) -> Iterator[Fates]:
+        for first, last in itertools.pairwise(self._edges):
+            whole, stays = self._fates, self._fates.stays
+            slots = np.flatnonzero((whole.world >= first) & (whole.world < last))
+            row = np.isin(stays.slot, slots)
+            yield replace(
+                whole,
+                **{name: getattr(whole, name)[slots] for name in ("world", "kind", "release", "ended", "ending")},
+                stays=Stays(
+                    np.searchsorted(slots, stays.slot[row]).astype(np.int32),
+                    *(getattr(stays, name)[row] for name in ("segment", "arrival", "leave")),
+                ),
+                adrift={k: Adrift(at.lon[slots], at.lat[slots], at.status[slots]) for k, at in whole.adrift.items()},
+                some=(first, last),
+            )

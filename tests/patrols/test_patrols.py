@@ -61,6 +61,11 @@ def ashore(worlds: int, n: int, seed: int):
     return spill(worlds, [n], stays), place, when
 
 
+def tabled(stays, worth):
+    """Return tables of what lies on each stretch."""
+    return {s: patrol_planner.table(stays, s, worth, SLOTS).total[:-1] for s in range(3)}
+
+
 def by_hand(place, when, worth, factor, visits) -> float:
     """Return the expected number that visits, {stretch: numbers of slots}, find: each particle by itself."""
     total = 0.0
@@ -94,7 +99,7 @@ def valued():
     factor = np.array([0.5, 1.0, 2.2])
     worth = np.random.default_rng(4).uniform(0.2, 2, len(place))
     stays = exposure.expose(fates, Reporting(RATE, LOSS, factor), ())
-    tables = {s: patrol_planner.table(stays, s, worth, SLOTS) for s in range(3)}
+    tables = tabled(stays, worth)
     return tables, {tuple(v.values()): by_hand(place, when, worth, factor[fates.world], v) for v in choices()}
 
 
@@ -143,7 +148,7 @@ def test_what_refloats_is_never_worth_more_than_the_bound() -> None:
     reporting = Reporting(RATE, LOSS, np.ones(3))
     stays = exposure.expose(fates, reporting, ())
     worth = np.random.default_rng(1).uniform(0.2, 2, fates.world.size)
-    tables = {s: patrol_planner.table(stays, s, worth, SLOTS) for s in range(3)}
+    tables = tabled(stays, worth)
     for s, j in itertools.product(range(3), range(3)):  # a lone visit is worth what it finds, in closed form elsewhere
         flown = exposure.expose(fates, reporting, (Walk((s,), SLOTS[j].time, 0.4),))
         rows, chance = exposure.searched(flown, s, 0)

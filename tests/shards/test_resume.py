@@ -245,10 +245,13 @@ def test_results_in_the_folder_itself(
 
 
 @pytest.mark.usefixtures("unwritten")
-def test_a_refused_run_leaves_nothing(case: drift.Case, tmp_path: Path) -> None:
-    lossy = drift.vary(case, {"domain.east": 0.14, "max_lost": 0.02})
+def test_a_refused_run_leaves_nothing(case: drift.Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*given: object) -> None:
+        raise drift.UserError("too much was lost by the end")
+
+    monkeypatch.setattr(start, "check_end", refuse)
     with pytest.raises(drift.UserError, match="was lost by the end"):
-        drift.run(lossy, tmp_path / "out", shards=4)
+        drift.run(case, tmp_path / "out", shards=4)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -280,19 +283,23 @@ def test_another_processor_is_noticed(
 
 
 @pytest.mark.usefixtures("unwritten")
-def test_two_runs_on_one_folder(case: drift.Case, made: drift.Result, tmp_path: Path) -> None:
-    """The second is refused, and does the first no harm."""
+def test_two_runs_on_one_folder(
+    case: drift.Case, made: drift.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second is refused, until the first has written its results, and does it no harm."""
     out = tmp_path / "out"
     refused: list[str] = []
 
     def report(phase: str, share: float) -> None:
-        if phase == "drift" and share >= 0.5 and not refused:
+        if (phase == "drift" and share >= 0.5 and not refused) or (phase == "map" and len(refused) == 1):
             with pytest.raises(drift.UserError) as error:
                 drift.run(case, out, shards=4)
             refused.append(str(error.value))
 
+    monkeypatch.setattr(flow, "write", lambda result, job: report("map", 1.0))
     runs.same(drift.run(case, out, shards=4, report=report), made)
-    assert "another run is at work on it" in refused[0]
+    assert len(refused) == 2
+    assert all("another run is at work on it" in words for words in refused)
 
 
 @pytest.mark.usefixtures("unwritten")

@@ -14,11 +14,12 @@ import shards as runs
 import spills
 
 import drift
-from drift import flow, start
+from drift import flow, job, start
 from drift.cli import commands
+from drift.motion import spool
 from drift.patrols import patrol
 from drift.shards import cluster, divide, spilled, work
-from drift.spill import release
+from drift.spill import finds, release
 from drift.spill import worlds as drawn_worlds
 from kernels import runtime
 
@@ -120,14 +121,15 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> drift.Case:
 @pytest.fixture(scope="module")
 def made(case: drift.Case) -> drift.Result:
     """Return the result in one piece, of two rounds."""
-    result = drift.run(case)
-    after = result.aftermath
-    assert after is not None
-    assert len(after.rounds) == 2
-    assert np.bincount(after.fates.stays.slot).max() > 1  # some have refloated
-    assert set(np.unique(after.fates.ending)) >= {1, 4}  # some have sunk
-    assert len(set(release.per_world(after.spill))) == 3
-    assert after.posterior.found.max() > 0
+    with flow.kept(job.opened(case)) as result:
+        after = result.aftermath
+        assert after is not None
+        assert len(after.rounds) == 2
+        (fates,) = after.fates.parts()
+        assert np.bincount(fates.stays.slot).max() > 1  # some have refloated
+        assert set(np.unique(fates.ending)) >= {1, 4}  # some have sunk
+        assert len(set(release.per_world(after.spill))) == 3
+        assert finds.found(fates, after.posterior.known).max() > 0
     return result
 
 
@@ -138,7 +140,7 @@ def unwritten(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def same(one: drift.Result, other: drift.Result) -> None:
-    """Hold two results of a spill against each other, down to each particle and world."""
+    """Hold two results of a spill against each other, down to each world."""
     runs.same(one, other)
     a, b = one.aftermath, other.aftermath
     assert a is not None
@@ -146,11 +148,9 @@ def same(one: drift.Result, other: drift.Result) -> None:
     assert a.washup.identical(b.washup)
     assert a.worlds.digest == b.worlds.digest
     assert a.rounds == b.rounds
-    of = ((a.posterior, b.posterior), (a.fates, b.fates), (a.fates.stays, b.fates.stays))
-    for x, y in of:
-        for name, values in vars(x).items():
-            if isinstance(values, np.ndarray):
-                assert np.array_equal(values, getattr(y, name)), name
+    for name, values in vars(a.posterior).items():
+        if isinstance(values, np.ndarray):
+            assert np.array_equal(values, getattr(b.posterior, name)), name
 
 
 def unfinished(out: Path) -> Path:
@@ -190,6 +190,32 @@ def moved(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 @pytest.mark.parametrize("many", [2, 3, 5])
 def test_no_number_of_shards_changes_a_bit(case: drift.Case, made: drift.Result, many: int) -> None:
     same(drift.run(case, shards=many), made)
+
+
+def test_no_more_than_a_part_is_read_at_once(
+    case: drift.Case, made: drift.Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor does what is made of a part depend on how large it is: here one block of worlds, in one piece all of them.
+
+    Products read as many and, where they cut a class, up to a block of it more: 6,000 are in a shard.
+    """
+    most, block = 32 * 70, 32 * 42
+    read, noted, sizes = spool.Reel.read, spool.Reel.noted, []
+
+    def reading(reel: spool.Reel, name: str, at: int | None, first: int, last: int) -> np.ndarray:
+        sizes.append(last - first)
+        return read(reel, name, at, first, last)
+
+    def noting(reel: spool.Reel, name: str, *given: int) -> np.ndarray:
+        values = noted(reel, name, *given)
+        sizes.append(values.size // 16)  # stays are rows of 4, and some particles have several
+        return values
+
+    monkeypatch.setattr(spool, "PART", most)
+    monkeypatch.setattr(spool.Reel, "read", reading)
+    monkeypatch.setattr(spool.Reel, "noted", noting)
+    same(drift.run(case, shards=2), made)
+    assert most <= max(sizes) < most + block
 
 
 @pytest.mark.parametrize(
@@ -399,7 +425,9 @@ def test_shards_are_blocks_of_worlds(case: drift.Case, capsys: pytest.CaptureFix
 
 
 def test_memory_that_the_finds_need_is_told(case: drift.Case) -> None:
-    many = drift.vary(case, {"spill.worlds": 100_000})  # 7 million particles of 250 bytes
-    with pytest.raises(drift.UserError, match=r"particles are weighed together, which takes 2\.3 "):
-        divide.number(many, 2.2, None)
-    assert divide.number(many, 2.4, None) >= 7
+    many = drift.vary(case, {"spill.worlds": 100_000})  # 6,600 bytes each at 4 outputs, whatever their particles
+    for particles in (35, 70):
+        more = drift.vary(many, {"spill.per_world": particles})
+        with pytest.raises(drift.UserError, match=r"to weigh a spill's 100,000 worlds takes 1\.3 "):
+            divide.number(more, 1.2, None)
+        assert divide.number(more, 1.4, None) >= particles // 10

@@ -14,8 +14,8 @@ from drift.particles import weights
 from drift.particles.status import Status
 from drift.spill import exposure, finds, realisations, shrinkage
 from drift.spill.exposure import Reporting, Walk
-from drift.spill.fates import FOREVER, Fates
-from drift.spill.finds import Adrift, AtSea, Detection, Known, Numbers
+from drift.spill.fates import FOREVER, Adrift, Fates, Realisation
+from drift.spill.finds import AtSea, Detection, Known, Numbers
 from geo import sphere
 from geo.errors import UserError
 
@@ -30,13 +30,18 @@ def numbers(objects: list[int], shares: list[float] | None = None, destroyed: li
 
 def known(count: Numbers, seen: list[Detection], patrols: list[Walk], worlds: int, now: float, **other: Any) -> Known:
     reporting = other.pop("reporting", Reporting(np.full(3, RATE), LOSS, np.ones(worlds)))
-    return Known(count, tuple(seen), tuple(patrols), reporting, np.full(3, 1e4), now, other.pop("adrift", {}))
+    return Known(count, tuple(seen), tuple(patrols), reporting, np.full(3, 1e4), now)
 
 
 def weigh(fates: Fates, told: Known, latent: Any = None) -> finds.Posterior:
     return finds.posterior(
         fates, told, np.zeros((fates.worlds, 0)) if latent is None else latent, np.zeros(fates.worlds)
     )
+
+
+def realised(fates: Fates, told: finds.Posterior, seed: int, count: int) -> list[Realisation]:
+    ((_, drawn),) = realisations.realise(fates, told, seed, count)
+    return drawn
 
 
 def test_the_number_of_carcasses_from_a_search_is_exact() -> None:
@@ -140,7 +145,7 @@ def test_the_order_of_particles_in_a_world_does_not_matter() -> None:
     told = known(numbers([40]), [Detection("a", 0, 1, 2 * DAY), Detection("b", 0, 2, 4 * DAY)], SEARCHES, 30, 7 * DAY)
     one, other = weigh(fates, told), weigh(spill(30, [25], moved), told)
     assert other.log_likelihood == pytest.approx(one.log_likelihood, rel=1e-10)
-    assert other.found[swap] == pytest.approx(one.found, abs=1e-14)
+    assert finds.found(spill(30, [25], moved), told)[swap] == pytest.approx(finds.found(fates, told), abs=1e-14)
 
 
 def test_a_patrol_that_finds_nothing_only_lowers_what_may_be_missed() -> None:
@@ -148,12 +153,11 @@ def test_a_patrol_that_finds_nothing_only_lowers_what_may_be_missed() -> None:
     seen = [Detection("a", 0, 1, 2 * DAY)]
     without = weigh(fates, known(numbers([50]), seen, [], 20, 7 * DAY))
     patrolled = weigh(fates, known(numbers([50]), seen, [Walk((0,), 6 * DAY, 0.7)], 20, 7 * DAY))
-    assert (patrolled.found >= without.found - 1e-12).all()
-    assert patrolled.found.sum() > without.found.sum() + 1
+    chance = [finds.found(fates, t.known) for t in (without, patrolled)]
+    assert (chance[1] >= chance[0] - 1e-12).all()
+    assert chance[1].sum() > chance[0].sum() + 1
     evidence = [
-        finds._evidence(
-            t.known, exposure.expose(fates, t.known.reporting, t.known.patrols), np.zeros((20, 0)), np.zeros(20)
-        )
+        finds._evidence(fates, t.known, finds._said(fates, t.known, []), np.zeros((20, 0)), np.zeros(20))
         for t in (without, patrolled)
     ]
     assert evidence[0].density == pytest.approx(evidence[1].density)  # on another stretch
@@ -222,14 +226,12 @@ def test_coast_where_nothing_comes_does_not_decide_whether_a_find_is_ours(empty:
     coast = np.array([*lengths, *[2.5e4] * empty])
     reporting = Reporting(np.array([*rates, *[RATE] * empty]), 0.0, np.ones(1))
     seen = (Detection("a", 0, 0, 2 * DAY), find)
-    told = Known(numbers([30]), seen, (), reporting, coast, now, {})
+    told = Known(numbers([30]), seen, (), reporting, coast, now)
     fates = spill(1, [n], stays)
     by_hand = 30 * usual_by_hand(lengths, rates, shares, find, now) * (find.time if latest else 1)
     assert finds.usual(fates, told, np.zeros(1)) == pytest.approx([0, by_hand], rel=1e-12)
     weighed = weigh(fates, told)
-    small = weigh(
-        fates, Known(numbers([30]), seen, (), Reporting(np.array(rates), 0.0, np.ones(1)), coast[:3], now, {})
-    )
+    small = weigh(fates, Known(numbers([30]), seen, (), Reporting(np.array(rates), 0.0, np.ones(1)), coast[:3], now))
     assert weighed.log_likelihood == pytest.approx(small.log_likelihood, rel=1e-13)
     assert weighed.alien == pytest.approx(small.alien, rel=1e-12)
     assert weighed.alien[1] > 0.99  # none of 400 particles came there: at most half of one in 400 does
@@ -257,9 +259,8 @@ def test_a_find_at_sea_prefers_the_world_adrift_there() -> None:
     place = AtSea(179.99, -60.0, radius, 0.1)
     status = np.where(np.arange(worlds * n) % 2, Status.ADRIFT, Status.SUNK).astype(np.int32)
     adrift = {0: Adrift(sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat)), status)}
-    told = weigh(
-        spill(worlds, [n], []), known(numbers([10]), [Detection("a", 0, place, 5)], [], worlds, 9, adrift=adrift)
-    ).log_likelihood
+    fates = dataclasses.replace(spill(worlds, [n], []), adrift=adrift)
+    told = weigh(fates, known(numbers([10]), [Detection("a", 0, place, 5)], [], worlds, 9)).log_likelihood
     variance = spread**2 + radius**2
     exact = np.log(10 * 0.1 * 0.5 / (2 * np.pi * variance)) - np.array([0, 12e3**2]) / (2 * variance)
     # some 500 and 60 effective particles: 4 % and 13 %, three standard errors
@@ -291,7 +292,7 @@ def test_the_chance_of_having_been_found_is_one(now: int, rate: float, loss: flo
 def test_every_object_is_accounted_for(seen: list[Detection]) -> None:
     fates, count = scattered(40, [20, 30]), numbers([30, 90], [0.4, 0.6], [0.0, 0.3])
     told = weigh(fates, known(count, seen, SEARCHES, 40, 7 * DAY))
-    drawn = realisations.realise(fates, told, 5, 3)
+    drawn = realised(fates, told, 5, 3)
     for each in drawn:
         total = np.bincount(fates.world, each.stands, 40) + each.destroyed + each.found
         assert set(total) <= {30, 90}
@@ -303,7 +304,7 @@ def test_without_finds_objects_are_drawn_without_replacement() -> None:
     fates = scattered(400, [20])
     told = weigh(fates, known(numbers([6], None, [0.5]), [], [], 400, 7 * DAY))
     assert told.log_likelihood == pytest.approx(np.zeros(400), abs=1e-12)
-    drawn = realisations.realise(fates, told, 2, 3)
+    drawn = realised(fates, told, 2, 3)
     stands = np.stack([each.stands for each in drawn]).reshape(3, 400, 20)
     assert stands.max() == 1
     assert stands.sum(0).max() == 1  # three times at most six of twenty: all different
@@ -315,7 +316,7 @@ def test_without_finds_objects_are_drawn_without_replacement() -> None:
 
 def test_objects_are_copied_evenly_where_particles_are_few() -> None:
     fates = scattered(10, [20])
-    (each,) = realisations.realise(fates, weigh(fates, known(numbers([50]), [], [], 10, 0)), 2, 1)
+    (each,) = realised(fates, weigh(fates, known(numbers([50]), [], [], 10, 0)), 2, 1)
     assert set(each.stands) == {2, 3}
 
 
@@ -325,7 +326,7 @@ def test_what_was_not_found_is_the_likelier_to_have_been_destroyed() -> None:
     fates = spill(worlds, [n], [(w * n + k, 0, 0, FOREVER) for w in range(worlds) for k in range(n)])
     still = Reporting(np.zeros(3), 0.0, np.ones(worlds))
     told = weigh(fates, known(numbers([10], None, [destroyed]), [], [Walk((0,), 5, pod)], worlds, 5, reporting=still))
-    drawn = realisations.realise(fates, told, 4, 3)
+    drawn = realised(fates, told, 4, 3)
     share = destroyed / (1 - (1 - destroyed) * pod)  # Bayes
     found = np.concatenate([each.destroyed for each in drawn]).mean() / 10
     assert abs(found - share) < 4 * np.sqrt(share * (1 - share) / (10 * worlds * 3))
@@ -338,7 +339,7 @@ def test_those_not_found_are_drawn_by_their_chance() -> None:
     fates = spill(worlds, [n], stays)
     still = Reporting(np.zeros(3), 0.0, np.ones(worlds))
     told = weigh(fates, known(numbers([20]), [], [Walk((0,), 5, 0.8)], worlds, 5, reporting=still))
-    (each,) = realisations.realise(fates, told, 4, 1)
+    (each,) = realised(fates, told, 4, 1)
     there = each.stands.reshape(worlds, n)[:, : n // 2].sum() / (20 * worlds)
     # conditional Poisson sampling of 20 of 36 accepted on average: near 1/6 of the draws, up to O(1/n) = 0.01
     assert there == pytest.approx(1 / 6, abs=0.012)

@@ -64,6 +64,10 @@ def once(stands, worlds, destroyed=0, found=0):
     return Realisation(np.asarray(stands, np.int32), *lost)
 
 
+def build(fates, segments, draws, weight, outputs, start, kinds=("object",)):
+    return washup.build([(fates, draws)], segments, weight, outputs, start, kinds, len(draws))
+
+
 def level(worlds):
     return np.full(worlds, 1 / worlds)
 
@@ -130,7 +134,7 @@ def test_by_hand():
         ended={2: (2 * HOUR, Status.SUNK)},
     )
     weight = np.array([0.25, 0.75])
-    made = washup.build(
+    made = build(
         fates, stretches(5), [once(np.ones(6), 2, destroyed=1)], weight, np.arange(0, 7) * HOUR, START, ["drum"]
     )
     assert made["segment"].values.tolist() == [1, 3]
@@ -165,7 +169,7 @@ def test_every_figure_is_that_of_brute_force(seed):
     fates, draws = random_spill(rng)
     weight = rng.dirichlet(np.full(5, 0.7))
     outputs = np.array([0, 3, 4, 9, 15, 40])
-    made = washup.build(fates, stretches(4), draws, weight, outputs, START, ["a", "b"])
+    made = build(fates, stretches(4), draws, weight, outputs, START, ["a", "b"])
     n = len(fates.world)
     pooled = np.tile(weight, 2) / 2
     names = list(washup_dataset.FATES)
@@ -228,7 +232,7 @@ def test_the_account_adds_up_in_every_world_at_every_time(seed):
         objects = np.bincount(fates.world, draw.stands, 3) + draw.destroyed + draw.found
         assert (counts.sum(axis=-1) == objects[:, None]).all()
         assert counts.min() >= 0
-    made = washup.build(fates, stretches(7), draws, level(3), outputs, START)
+    made = build(fates, stretches(7), draws, level(3), outputs, START)
     ashore = made["total"].sel(fate="ashore").values
     np.testing.assert_allclose(made["expected"].values.sum(axis=1), ashore, atol=1e-9)
 
@@ -236,9 +240,9 @@ def test_the_account_adds_up_in_every_world_at_every_time(seed):
 def test_stretch_by_stretch_is_the_same_as_all_at_once(monkeypatch):
     fates, draws = random_spill(np.random.default_rng(3), worlds=6, each=40, segments=30)
     arguments = (fates, stretches(30), draws, level(6), np.arange(0, 40, 3), START)
-    whole = washup.build(*arguments)
+    whole = build(*arguments)
     monkeypatch.setattr(washup.stretches, "CELLS", 1)
-    assert washup.build(*arguments).identical(whole)
+    assert build(*arguments).identical(whole)
 
 
 def test_binomial_and_hypergeometric():
@@ -250,7 +254,7 @@ def test_binomial_and_hypergeometric():
     stays = np.column_stack([slots, 0 * slots, 0 * slots + 50, 0 * slots + FOREVER]).astype(np.int32)
     fates = replace(spill(world, [], worlds=worlds), stays=Stays(*(stays[:, i].copy() for i in range(4))))
     stands = np.argsort(np.argsort(rng.random((worlds, n)), axis=1), axis=1) < drawn
-    made = washup.build(fates, stretches(1), [once(stands.ravel(), worlds)], level(worlds), np.array([60]), START)
+    made = build(fates, stretches(1), [once(stands.ravel(), worlds)], level(worlds), np.array([60]), START)
     law = stats.hypergeom(n, there, drawn)
     error = law.std() / np.sqrt(worlds)
     assert abs(made["expected"].item() - law.mean()) < 3 * error
@@ -260,7 +264,7 @@ def test_binomial_and_hypergeometric():
     assert made["number"].values.ravel().tolist() == law.ppf(washup_dataset.SHARES).tolist()
     # with replacement: multinomial stands, binomial number
     stands = rng.multinomial(drawn, np.full(n, 1 / n), worlds)
-    made = washup.build(fates, stretches(1), [once(stands.ravel(), worlds)], level(worlds), np.array([60]), START)
+    made = build(fates, stretches(1), [once(stands.ravel(), worlds)], level(worlds), np.array([60]), START)
     law = stats.binom(drawn, there / n)
     assert abs(made["expected"].item() - law.mean()) < 3 * law.std() / np.sqrt(worlds)
     assert made["number"].values.ravel().tolist() == law.ppf(washup_dataset.SHARES).tolist()
@@ -269,7 +273,7 @@ def test_binomial_and_hypergeometric():
 def test_weight_on_one_world_gives_that_worlds_numbers():
     fates, draws = random_spill(np.random.default_rng(8), worlds=4)
     outputs = np.arange(0, 40, 5)
-    made = washup.build(fates, stretches(4), draws[:1], np.array([0, 0, 1.0, 0]), outputs, START)
+    made = build(fates, stretches(4), draws[:1], np.array([0, 0, 1.0, 0]), outputs, START)
     alone = washup.account(fates, draws[0], outputs)[2]
     np.testing.assert_array_equal(made["total"].values.T, alone)
     for share in range(3):
@@ -282,14 +286,14 @@ def test_weight_on_one_world_gives_that_worlds_numbers():
 
 def test_worlds_without_weight_touch_no_stretch():
     fates = spill([0, 1], [(0, 3, 5, FOREVER), (1, 1, 5, FOREVER)])
-    made = washup.build(fates, stretches(5), [once([1, 1], 2)], np.array([0, 1.0]), np.array([9]), START)
+    made = build(fates, stretches(5), [once([1, 1], 2)], np.array([0, 1.0]), np.array([9]), START)
     assert made["segment"].values.tolist() == [1]
 
 
 def test_a_stay_that_ends_is_followed_by_another():
     fates = spill([0], [(0, 1, 10, 20), (0, 1, 30, 40), (0, 2, 40, FOREVER)])
     outputs = np.array([9, 10, 19, 20, 30, 39, 40, 100])
-    made = washup.build(fates, stretches(3), [once([2], 1)], level(1), outputs, START)
+    made = build(fates, stretches(3), [once([2], 1)], level(1), outputs, START)
     assert made["expected"].values.T.tolist() == [[0, 2, 2, 0, 2, 2, 0, 0], [0, 0, 0, 0, 0, 0, 2, 2]]
     assert made["arrived"].values.T.tolist() == [[0, 2, 2, 2, 2, 2, 2, 2], [0, 0, 0, 0, 0, 0, 2, 2]]
     assert made["total"].sel(fate="afloat").values.tolist() == [2, 0, 0, 2, 0, 0, 0, 0]
@@ -297,7 +301,7 @@ def test_a_stay_that_ends_is_followed_by_another():
 
 def test_what_sinks_ashore_no_longer_lies_there():
     fates = spill([0], [(0, 1, 10, FOREVER)], ended={0: (25, Status.SUNK)})
-    made = washup.build(fates, stretches(3), [once([1], 1)], level(1), np.array([10, 24, 25]), START)
+    made = build(fates, stretches(3), [once([1], 1)], level(1), np.array([10, 24, 25]), START)
     assert made["expected"].values[:, 0].tolist() == [1, 1, 0]
     assert made["total"].sel(fate="sunk").values.tolist() == [0, 0, 1]
 
@@ -318,7 +322,7 @@ def test_standard_errors_are_the_spread_of_repeated_forecasts():
         stays = Stays(*(a.astype(np.int32) for a in (slots, 0 * slots, arrival, 0 * slots + FOREVER)))
         fates = replace(spill(world, [], worlds=worlds), stays=stays)
         weight /= weight.sum()
-        made = washup.build(fates, stretches(1), [once(np.ones(len(world)), worlds)], weight, np.array([25_000]), START)
+        made = build(fates, stretches(1), [once(np.ones(len(world)), worlds)], weight, np.array([25_000]), START)
         for name in found:
             pick = 2 if name == "total" else 1 if "_" in name else 0
             found[name].append(made[name].values.ravel()[pick])
@@ -373,7 +377,7 @@ def test_two_standard_errors_hold_what_they_say_on_rare_stretches_too(worlds, ea
         at = np.stack([slot, place[slot], np.full(len(slot), 10), np.full(len(slot), FOREVER)], axis=1)
         fates = spill(np.repeat(np.arange(worlds), each), [], worlds=worlds)
         fates = replace(fates, stays=Stays(*(column.astype(np.int32) for column in at.T)))
-        made = washup.build(
+        made = build(
             fates, coast, [once(np.ones(worlds * each), worlds)], weight / weight.sum(), np.array([20]), START, ["drum"]
         )
         for name in ("expected", "arrived", "expected_by_kind"):
@@ -397,8 +401,8 @@ def test_realisations_of_a_world_are_one_unit():
     # Twice the same realisation tells nothing more: the same figures, the same errors
     fates, draws = random_spill(np.random.default_rng(2), worlds=40)
     arguments = (stretches(4), level(40), np.arange(0, 40, 8), START)
-    one = washup.build(fates, arguments[0], draws[:1], *arguments[1:])
-    two = washup.build(fates, arguments[0], draws[:1] * 2, *arguments[1:])
+    one = build(fates, arguments[0], draws[:1], *arguments[1:])
+    two = build(fates, arguments[0], draws[:1] * 2, *arguments[1:])
     for name in one.data_vars:
         if name != "realisations":
             np.testing.assert_allclose(two[name].values, one[name].values, rtol=1e-12, atol=1e-12)
@@ -429,7 +433,7 @@ def test_quantiles_too_few_to_tell():
 
 
 def test_nothing_ashore():
-    made = washup.build(spill([0, 1], []), stretches(2), [once([3, 3], 2)], level(2), np.array([0, 10]), START)
+    made = build(spill([0, 1], []), stretches(2), [once([3, 3], 2)], level(2), np.array([0, 10]), START)
     assert made.sizes["segment"] == 0
     assert made["total"].sel(fate="afloat").values.tolist() == [3, 3]
     for text in (washup_tables.stretches(made, "run"), washup_tables.times(made, "run")):
@@ -439,7 +443,7 @@ def test_nothing_ashore():
 
 def test_netcdf_there_and_back(tmp_path):
     fates, draws = random_spill(np.random.default_rng(4))
-    made = washup.build(fates, stretches(4), draws, level(5), np.arange(0, 40, 8), START, ["drum", "box"])
+    made = build(fates, stretches(4), draws, level(5), np.arange(0, 40, 8), START, ["drum", "box"])
     made.to_netcdf(tmp_path / "washup.nc")
     with xr.open_dataset(tmp_path / "washup.nc") as back:
         assert back["first_arrival"].dtype.kind == "M"
@@ -451,7 +455,7 @@ def test_netcdf_there_and_back(tmp_path):
 def test_tables_say_what_the_data_say():
     fates, draws = random_spill(np.random.default_rng(5), worlds=40)
     outputs = np.arange(-8, 40, 8)
-    made = washup.build(fates, stretches(4), draws, level(40), outputs, START, ["drum", "box"])
+    made = build(fates, stretches(4), draws, level(40), outputs, START, ["drum", "box"])
     rows = list(csv.DictReader(io.StringIO(washup_tables.stretches(made, "abc-s1"))))
     assert [int(row["rank"]) for row in rows] == list(range(1, 1 + made.sizes["segment"]))
     worst = [float(row["expected"]) for row in rows]
@@ -487,7 +491,7 @@ def test_geojson_is_cut_at_the_antimeridian():
     where = Segments(("across", "wrapped"), np.array([3e4, 1e5]), np.array([-180.0, 169.5]), np.array([-17.0, 3.5]),
                      np.arange(2), lines, ("wild", "town"))  # fmt: skip
     fates = spill([0, 0], [(0, 0, 5, FOREVER), (1, 1, 5, FOREVER)])
-    made = washup.build(fates, where, [once([3, 1], 1)], level(1), np.array([10]), START)
+    made = build(fates, where, [once([3, 1], 1)], level(1), np.array([10]), START)
     made = json.loads(json.dumps(washup_tables.lines(made, where, {"run_id": "x", "title": "T"}), allow_nan=False))
     assert made["run_id"] == "x"
     across, wrapped = (shapely.geometry.shape(f["geometry"]) for f in made["features"])

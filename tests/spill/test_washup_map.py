@@ -58,9 +58,8 @@ def spill(where, touched, worlds=50, each=8):
     )
     nothing = np.zeros(worlds, np.int32)
     return washup.build(
-        fates,
+        [(fates, [Realisation(np.ones(n, np.int32), nothing, nothing)])],
         where,
-        [Realisation(np.ones(n, np.int32), nothing, nothing)],
         np.full(worlds, 1 / worlds),
         np.arange(1, 9) * 21_600,
         START,
@@ -185,7 +184,7 @@ def test_numbers_of_stretches_are_those_of_the_table(tmp_path, monkeypatch):
                   np.full(n, FOREVER, np.int32), np.where(segment >= 0, Status.ASHORE, 0).astype(np.int32), Stays(*stays))  # fmt: skip
     nothing = np.zeros(worlds, np.int32)
     one = Realisation(np.ones(n, np.int32), nothing, nothing)
-    made = washup.build(fates, where, [one], np.full(worlds, 1 / worlds), np.array([40_000]), START)
+    made = washup.build([(fates, [one])], where, np.full(worlds, 1 / worlds), np.array([40_000]), START)
     washup_map.draw(made, where, tmp_path / "washup.png", Setting(Imprint("T"), polygons=lambda box: [land]))
     table = washup_tables.records(made)
     assert dict(zip(table["segment"].tolist(), table["rank"].tolist(), strict=True)) == {4: 1, 7: 2, 9: 3}
