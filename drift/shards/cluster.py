@@ -136,7 +136,9 @@ def begun(client: Any, case: Case, mark: Mapping[str, str], clock: Clock, layout
 def release(client: Any) -> None:
     """Have the workers let go of a run's files, as far as they can be reached."""
     with contextlib.suppress(Exception):
-        client.run(worker.release)
+        if client.status == "running":  # client.run would wait for ever for one that is lost
+            tasks = [client.submit(worker.release, workers=[own], pure=False) for own in client.nthreads()]
+            _dask().wait(tasks, timeout=PATIENCE)
 
 
 @contextlib.contextmanager
