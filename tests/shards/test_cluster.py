@@ -200,7 +200,9 @@ def test_a_cluster_without_workers(
                 monkeypatch.setattr(cluster, "WAIT", 1)
                 client.cluster.scale(0)
 
-        with pytest.raises(drift.UserError, match=r"(lost all of its workers|is lost) .*kept there: the same command goes on"):
+        with pytest.raises(
+            drift.UserError, match=r"(lost all of its workers|is lost) .*kept there: the same command goes on"
+        ):
             drift.run(case, tmp_path / "out", client=client, shards=9, report=report)
 
 
