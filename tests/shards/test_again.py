@@ -185,7 +185,7 @@ def test_what_a_run_follows_from_is_asked(
     out = Path(shutil.copytree(finished, tmp_path / "out"))
     assert drift.run(own, out, resume=True) is None  # it lies elsewhere, and is the same
     with monkeypatch.context() as patch:
-        patch.setattr(flow, "forecasted", begin)
+        patch.setattr(flow, "kept", begin)
         land = tmp_path / "land.geojson"
         land.write_text(land.read_text().replace("[2, 2]", "[2, 2.5]"))
         with pytest.raises(Begun):
@@ -204,7 +204,7 @@ def test_what_a_run_follows_from_is_asked(
         write = flow.write
         patch.setattr(flow, "write", lambda result, job: write(result, job, more=[Chapter()]))
         drift.run(own, tmp_path / "plan")
-        patch.setattr(flow, "forecasted", begin)
+        patch.setattr(flow, "kept", begin)
         with pytest.raises(Begun):
             drift.run(own, tmp_path / "plan", resume=True)
         assert ": the command changed since" in caplog.text
