@@ -201,7 +201,7 @@ def test_a_cluster_without_workers(
                 client.cluster.scale(0)
 
         with pytest.raises(
-            drift.UserError, match=r"(lost all of its workers|is lost) .*kept there: the same command goes on"
+            drift.UserError, match=r"(lost all of its workers|is lost).*kept there: the same command goes on"
         ):
             drift.run(case, tmp_path / "out", client=client, shards=9, report=report)
 
