@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from importlib import metadata
 from typing import Any
 
+from drift import version
 from drift.case import said
 from drift.case.record import Case
 from drift.environment import coastline
@@ -32,16 +32,14 @@ LAND = {  # what land means to a target under way, in words
     "stop": "what meets the shore under way runs aground there",
     "ignore": "ways lead over land",
 }
-PACKAGES = ("casp-drift", "taichi", "numpy", "xarray", "netCDF4", "roaring-landmask")
 
 
 def attributes(case: Case, where: Environment) -> dict[str, str]:
     """Return what every file carries: the case, the seed, versions, and what the forcing was."""
-    versions = ", ".join(f"{name} {metadata.version(name)}" for name in PACKAGES)
     return {
         "title": case.title,
-        "source": versions.split(",")[0],
-        "versions": versions,
+        "source": f"casp-drift {version.__version__}",
+        "versions": version.told(),
         "seed": str(case.seed),
         "backend": runtime.backend(),
         "forcing": "; ".join(f"{s.quantity} {s.name}: {s.fingerprint}" for s in where.sources),

@@ -43,7 +43,7 @@ from drift.search import tables as search_tables
 from drift.search.account import Noted
 from drift.search.standing import Standing
 from drift.search.updates import Updates
-from drift.shards import cluster, divide, fingerprint, spilled, work
+from drift.shards import cluster, divide, fingerprint, shelf, spilled
 from drift.shards import run as shards_run
 from drift.spill import chapter as spill_chapter
 from drift.spill import evidence, renewal
@@ -126,13 +126,13 @@ def run(
     job = opened(case, Options(out, datasets, threads, backend, overwrite or resume, report, memory, shards, client))
     if resume and _stands(job):
         assert job.out is not None
-        if work.unfinished(job.out):  # it was killed after its results stood, or another run was
-            work.clear(job.out, fingerprint.of(case, job.where, 1))
+        if shelf.unfinished(job.out):  # it was killed after its results stood, or another run was
+            shelf.clear(job.out, fingerprint.of(case, job.where, 1))
         return None
     with kept(job) as result:  # no other run may begin on the folder before the results stand
         write(result, job)
     if job.out is not None:
-        work.clear(job.out)
+        shelf.clear(job.out)
     return result
 
 
@@ -198,9 +198,9 @@ def _shards(job: Job) -> int:
     """Return into how many shards a job's run is cut: as the one before was, if it goes on from there and that fits."""
     workers = None if job.client is None else cluster.workers_of(job.client)
     many = divide.number(job.case, job.memory, job.shards, workers)
-    if job.shards or job.out is None or not work.unfinished(job.out):
+    if job.shards or job.out is None or not shelf.unfinished(job.out):
         return many
-    before = work.begun(job.out, fingerprint.of(job.case, job.where, many)) or many
+    before = shelf.begun(job.out, fingerprint.of(job.case, job.where, many)) or many
     return before if job.memory is None else max(before, many)
 
 

@@ -39,9 +39,12 @@ from drift.spill.worlds import Proposal, Worlds
 from geo.coast import edges as shoreline
 from geo.coast.segments import Segments
 from geo.coast.shore import Shore
-from kernels import advance, noise
+from geo.errors import UserError
+from kernels import advance, memory, noise
 from kernels import coast as device_coast
 from kernels.noise import Purpose
+
+BYTES_PER_PARTICLE = 250  # at the peak of a run in one piece: 96 on the device, the rest on the host
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,8 +116,9 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     """Return the start of a case's run; close `scene.forcing` after it.
 
     shore: the coast, where it lies on the device already.
-    Raises UserError when a prior lies on land or where there is no forcing, or when the step is too long.
+    Raises UserError when a prior lies on land or where there is no forcing, when the step is too long, or memory too short.
     """
+    _check_memory(case)
     spec = spec_of(case, where)
     shore = device_coast.upload(where.coast) if where.coast and not shore else shore
     drawn_first = worlds(case, where) if case.spill else None
@@ -129,6 +133,15 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
         lacks = lost.lacking(where.box, ensemble, setup.scene, setup.clock)
         lost.check_prior(spec, where, case.max_lost, setup.scene, lacks)
     return Start(**vars(setup), ensemble=ensemble, worlds=drawn_first)
+
+
+def _check_memory(case: Case) -> None:
+    need, free = case.particles * BYTES_PER_PARTICLE, memory.free()
+    if need > free:
+        raise UserError(
+            f"{case.path.name}: {case.particles:,} particles in one piece take {need / 2**30:.1f} GiB, and {free / 2**30:.1f} "
+            "GiB of memory are free; take fewer, or leave out --shards, and they are moved in shards that fit"
+        )
 
 
 def worlds(case: Case, where: Environment) -> Worlds:

@@ -42,6 +42,11 @@ def percent(share: float) -> str:
     return f"{100 * share:.6g}"
 
 
+def size(count: float) -> str:
+    """Return a number of bytes in words."""
+    return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.1f} MiB"
+
+
 def epoch(time: Any) -> int:
     """Return a time (np.datetime64, UTC) as whole seconds since 1970."""
     return int(np.asarray(time).astype("datetime64[s]").astype(np.int64))

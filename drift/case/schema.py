@@ -3,7 +3,6 @@
 Scenarios, objects, sources, errors and expectations have files of their own; here is what holds them together.
 """
 
-import os
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -29,7 +28,7 @@ from geo import notation, sphere
 from geo.box import Box
 
 SEARCH = ("sortie", "contact", "look", "presence", "barrier", "line", "unit")  # tables of a search for one object
-BYTES_PER_PARTICLE = 250  # at the peak, while maps are made: 96 on the device, the rest on the host
+MOST_PARTICLES = 2**31 - 1  # they are numbered in 32 bits
 
 
 class OutputTable(fields.Table):
@@ -152,13 +151,8 @@ def _particles(value: object) -> int:
     number = fields.count(value)
     if number < 1:
         raise ValueError(f"{number} particles; at least 1")
-    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 2**34
-    if number > min(memory // BYTES_PER_PARTICLE, 2**31 - 1):
-        most = min(memory // BYTES_PER_PARTICLE, 2**31 - 1)
-        raise ValueError(
-            f"{number:,} particles need {number * BYTES_PER_PARTICLE / 2**30:,.0f} GiB of memory; this machine has "
-            f"{memory / 2**30:.1f} GiB, enough for at most {most:,}"
-        )
+    if number > MOST_PARTICLES:
+        raise ValueError(f"{number:,} particles; at most {MOST_PARTICLES:,}")
     return number
 
 

@@ -2,10 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 
-from drift import facts
+from drift import facts, version
 from drift.drifters import files as verification_files
 from drift.drifters import text as verification_text
 from drift.drifters.verification import Verification
@@ -40,12 +39,11 @@ PICTURES: dict[str, Callable[[Matter, Path], None]] = {
 def chapter(verification: Verification) -> Chapter:
     """Return the only chapter of a verification."""
     case = verification.case
-    versions = ", ".join(f"{name} {metadata.version(name)}" for name in facts.PACKAGES)
     inputs = [facts.input_file(path) for path in case.inputs]
     attributes = {
         "title": f"{case.title}: forecasts of drifters",
-        "source": versions.split(",")[0],
-        "versions": versions,
+        "source": f"casp-drift {version.__version__}",
+        "versions": version.told(),
         "seed": str(case.seed),
         "backend": runtime.backend(),
         "forcing": "; ".join(f"{Path(given['path']).name}: {given['digest']}" for given in inputs),

@@ -23,6 +23,7 @@ from drift.particles import members, partials
 from drift.particles.ensemble import Ensemble, Layout, Slots
 from drift.particles.partials import PART, Blocks
 from drift.particles.snapshot import Snapshot
+from geo import notation
 from geo.array import Array
 from geo.errors import UserError
 
@@ -46,7 +47,9 @@ def _check_room(need: int) -> None:
     except OSError as error:
         raise _refusal(error.strerror or str(error)) from error
     if need > free:
-        raise _refusal(f"the particles at all output times need {_size(need)}, and it has room for {_size(free)}")
+        raise _refusal(
+            f"the particles at all output times need {notation.size(need)}, and it has room for {notation.size(free)}"
+        )
 
 
 def _refusal(reason: str, folder: Path | None = None) -> UserError:
@@ -57,10 +60,6 @@ def _refusal(reason: str, folder: Path | None = None) -> UserError:
         f"temporary folder {temporary}: {reason}; make room, name another folder in the environment variable TMPDIR, or "
         "ask for fewer particles or output times"
     )
-
-
-def _size(count: int) -> str:
-    return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.1f} MiB"
 
 
 class NoRoom(Exception):
@@ -260,7 +259,7 @@ class Spool(Sequence[Snapshot]):
             if more:
                 more(reel)
         except NoRoom as error:
-            raise _refusal(f"{error}; all output times need {_size(need)}") from error
+            raise _refusal(f"{error}; all output times need {notation.size(need)}") from error
         except BaseException:
             file.close()
             raise

@@ -22,6 +22,9 @@ except ImportError:  # Windows: the owner is known by name alone
     fcntl = None  # type: ignore[assignment]
 
 PREFIX = ".drift-partial-"
+UNFINISHED = (
+    ".unfinished"  # what a run keeps of its work: how such a folder's name ends, and what it is in the results' own
+)
 LOCK = "lock"
 STALE = 86_400  # [s]; a folder whose owner cannot be asked counts as abandoned after so long without a change
 ATTEMPTS = 10

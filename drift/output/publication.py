@@ -82,7 +82,8 @@ def _exists(path: Path) -> bool:
 
 def _filled(folder: Path) -> bool:
     """Whether a folder holds anything but what a killed run left."""
-    return any(not path.name.startswith(hidden.PREFIX) for path in folder.iterdir())
+    names = [path.name for path in folder.iterdir()]
+    return any(not name.startswith(hidden.PREFIX) and name != hidden.UNFINISHED for name in names)
 
 
 @contextmanager

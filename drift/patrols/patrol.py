@@ -11,7 +11,7 @@ from drift.patrols import chapter
 from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import PatrolPlan
 from drift.result import Result
-from drift.shards import work
+from drift.shards import shelf
 from drift.spill import evidence
 from geo.errors import UserError
 
@@ -54,5 +54,5 @@ def patrol(
             patrols = chapter.chapter(chapter.Matter(plan, after, setting, facts.synthetic(case)))
             flow.write(result, job, more=[patrols])
     if job.out is not None:
-        work.clear(job.out)
+        shelf.clear(job.out)
     return plan, result

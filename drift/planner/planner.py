@@ -27,7 +27,7 @@ from drift.result import Result
 from drift.search.account import Noted
 from drift.search.records import Unit
 from drift.search.updates import Updates
-from drift.shards import work
+from drift.shards import shelf
 from drift.suspend.further import Planned
 from geo.array import Array
 from geo.errors import UserError
@@ -65,7 +65,7 @@ def plan(
         land = partial(fleet.shown, executed, job.where) if job.where.coast is not None else None
         matter = chapter.Matter(proposed, result.forecast, setting, taken, land, facts.synthetic(case))
         flow.write(result, job, more=[chapter.chapter(matter)], planned=ahead(proposed))
-        work.clear(job.out)
+        shelf.clear(job.out)
     return proposed, result
 
 

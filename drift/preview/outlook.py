@@ -7,14 +7,14 @@ import numpy as np
 
 from drift import start
 from drift.case.record import Case
-from drift.case.schema import BYTES_PER_PARTICLE
 from drift.environment.environment import Environment
 from drift.motion import step_size
 from drift.motion.clock import Clock
 from drift.motion.spool import BYTES
 from drift.particles import ensemble as record
 from drift.particles.status import Status
-from drift.start import Start
+from drift.shards import divide
+from drift.start import BYTES_PER_PARTICLE, Start
 from geo import notation
 from geo.forcing import stream
 from geo.forcing.sources import Source
@@ -47,10 +47,12 @@ def work(case: Case, step: int, nodes: int = 0) -> str:
     waiting = _lasting(count * case.particles / PACE)
     text = f"{count:,} steps x {case.particles:,} particles, moved in about {waiting} on two cores"
     text += f"; {case.outputs.size:,} output times"
-    kept = case.outputs.size * case.particles * BYTES / 2**30
-    if kept >= 1:
+    kept, many = case.outputs.size * case.particles * BYTES / 2**30, divide.number(case, None, None)
+    if many > 1:
+        text += f", in {many:,} shards, {kept:,.0f} GiB beside the results"
+    elif kept >= 1:
         text += f", {kept:,.0f} GiB in the temporary folder"
-    held = case.particles * BYTES_PER_PARTICLE + nodes * BYTES_PER_NODE
+    held = -(-case.particles // many) * BYTES_PER_PARTICLE + nodes * BYTES_PER_NODE
     return f"{text}; {max(held / 2**30, 0.1):.1f} GiB of memory"
 
 

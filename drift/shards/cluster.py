@@ -4,7 +4,9 @@ import asyncio
 import contextlib
 import importlib
 import logging
+import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from pathlib import Path
@@ -14,7 +16,7 @@ from drift.case.record import Case
 from drift.motion.clock import Clock
 from drift.particles.ensemble import Layout
 from drift.shards import fingerprint, worker
-from drift.shards.divide import Begun
+from drift.shards.divide import Begun, Workers
 from drift.shards.work import Task, Work
 from geo.errors import UserError
 
@@ -46,6 +48,7 @@ def connected(workers: int | None, address: str | None) -> Iterator[Any]:
         if workers is not None:
             local = distributed.LocalCluster(
                 n_workers=workers,
+                local_directory=stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)),
                 threads_per_worker=1,
                 memory_limit=0,
                 dashboard_address="127.0.0.1:0",
@@ -53,6 +56,8 @@ def connected(workers: int | None, address: str | None) -> Iterator[Any]:
             )
             address = stack.enter_context(local)
         try:
+            if workers is None and not str(address).startswith("ucx"):
+                distributed.comm.get_address_host_port(address)  # a client of no address would close for a minute
             client = stack.enter_context(distributed.Client(address, timeout=PATIENCE, set_as_default=False))
         except (OSError, TimeoutError, ValueError) as error:
             raise UserError(f"--cluster {address}: no cluster answers there ({_line(error)})") from error
@@ -67,8 +72,8 @@ def _dask() -> Any:
         raise UserError("--workers and --cluster need dask: pip install 'casp-drift[cluster]'") from None
 
 
-def workers_of(client: Any) -> int:
-    """Return how many workers a cluster has, once it has any: jobs of a queue take their time to begin.
+def workers_of(client: Any) -> Workers:
+    """Return the workers of a cluster, once it has any: jobs of a queue take their time to begin.
 
     Raises UserError where none comes.
     """
@@ -78,8 +83,25 @@ def workers_of(client: Any) -> int:
             raise UserError(f"the client is {status}; give one that is open")
         if not client.nthreads():
             LOG.warning("the cluster has no workers yet; the first is waited for")
-        _first(client, "the cluster has no workers; start some")
-        return len(client.nthreads())
+        while True:
+            _first(client, "the cluster has no workers; start some")
+            if told := _asked(client, worker.room):  # else the only one was lost meanwhile
+                break
+    machines = Counter(machine for machine, _, _ in told.values()) + Counter([worker.machine()])
+    free = min(min(free / machines[machine], limit) for machine, free, limit in told.values())
+    return Workers(len(told), max(machines[machine] for machine, _, _ in told.values()), free)
+
+
+def _asked(client: Any, function: Callable[..., Any], *given: Any) -> dict[str, Any]:
+    """Return what all workers answer, by address, but those that are lost meanwhile."""
+    told = {}
+    for address, answer in client.run(function, *given, on_error="return").items():
+        if isinstance(answer, OSError):  # nobody answers there: what it had to do others do
+            continue
+        if isinstance(answer, Exception):
+            raise UserError(f"worker {address}: {_line(answer)}; install the same versions everywhere") from answer
+        told[address] = answer
+    return told
 
 
 def check(client: Any, folder: Path | None = None) -> None:
@@ -87,10 +109,10 @@ def check(client: Any, folder: Path | None = None) -> None:
 
     Threads of this process are refused too: they would wait for the kernels, which it holds, for ever.
     """
-    if worker.process() in client.run(worker.process).values():
+    if worker.process() in _asked(client, worker.process).values():
         raise UserError("the cluster's workers are threads of this process; begin it with processes=True")
     own = fingerprint.of_machine()
-    for address, other in sorted(client.run(worker.about, str(folder.absolute()) if folder else "").items()):
+    for address, other in sorted(_asked(client, worker.about, str(folder.absolute()) if folder else "").items()):
         if other.pop("folder") != "True":
             raise UserError(
                 f"worker {address} does not see {folder}: name a folder with --out that all machines of the cluster share"

@@ -5,7 +5,6 @@ whole run and sums go by blocks, so that no number of shards changes a bit of th
 """
 
 import math
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -29,6 +28,7 @@ from drift.start import Setup
 from geo.array import Array
 from geo.errors import UserError
 from kernels import coast as device_coast
+from kernels import memory as machine_memory
 from kernels.coast import DeviceCoast
 
 GIB = 2**30
@@ -51,22 +51,36 @@ class Divided:
     many: int  # shards
 
 
-def number(case: Case, memory: float | None, shards: int | None, workers: int | None = None) -> int:
+@dataclass(frozen=True)
+class Workers:
+    """Those who move the shards of a run."""
+
+    count: int
+    together: int  # processes of the run on one machine at most, this one among them
+    free: float  # [bytes] of memory that the one with the least may still take
+
+
+def number(case: Case, memory: float | None, shards: int | None, workers: Workers | None = None) -> int:
     """Return how many shards a run is cut into: as many as is said, or as its memory and the loss at a stop ask for.
 
-    memory: [GiB] it may take, by default half of what is free. workers: that share it; None: this process moves them.
-    1 without workers is a run in one piece. Raises UserError for what cannot be.
+    memory: [GiB] that it may take on one machine, by default half of what is free. workers: that move them; None: this
+    process does. 1 without workers is a run in one piece. Raises UserError for what cannot be.
     """
-    least = (BASE + HELD * LEAST) / GIB
+    at_once = workers.together if workers else 1
+    least = at_once * (BASE + HELD * LEAST) / GIB
     if memory is not None and not (isinstance(memory, int | float) and least <= memory < math.inf):
-        raise UserError(f"--memory {memory}: a run takes {least:.2g} (GiB) at least; in Python it is a number of GiB")
+        who = f"{at_once} processes on one machine take" if workers else "a run takes"
+        raise UserError(
+            f"--memory {memory} (GiB): {who} {least:.2g} GiB at least; give as much{', or fewer workers' * bool(workers)} (in "
+            "Python it is a number of GiB)"
+        )
     if shards is not None and not isinstance(shards, int):
         raise UserError(f"--shards {shards}: give a whole number")
     spill = case.spill
     weighed = (BASE + (WEIGHED + TOLD * case.outputs.size) * spill.worlds) / GIB if spill else 0.0
     if spill and memory is not None and memory < weighed:
         raise UserError(
-            f"--memory {memory:g}: to weigh a spill's {spill.worlds:,} worlds takes {weighed:.2g} (GiB); give as much, or "
+            f"--memory {memory:g} (GiB): to weigh a spill's {spill.worlds:,} worlds takes {weighed:.2g} GiB; give as much, or "
             "fewer worlds"
         )
     most = -(-spill.worlds // WORLDS) if spill else prior.layout(start.ensemble_spec(case)).blocks.first.size
@@ -75,9 +89,10 @@ def number(case: Case, memory: float | None, shards: int | None, workers: int | 
             what = "of worlds" if spill else "of particles"
             raise UserError(f"--shards {shards}: {case.path.name} has {most:,} blocks {what}; give 1 to {most:,}")
         return shards
-    room = (free() / 2 if memory is None else memory * GIB) / (workers or 1) - BASE
-    size = min(max(int(room / held(case)), LEAST), LOSS)
-    return min(max(math.ceil(case.particles / size), PER_WORKER * (workers or 0), 1), most)
+    free = workers.free if workers else machine_memory.free()
+    room = free / 2 if memory is None else memory * GIB / at_once
+    size = min(max(int((room - BASE) / held(case)), LEAST), LOSS)
+    return min(max(math.ceil(case.particles / size), PER_WORKER * (workers.count if workers else 0), 1), most)
 
 
 def held(case: Case) -> int:
@@ -86,16 +101,6 @@ def held(case: Case) -> int:
     steers = any(scenario.itinerary for scenario in case.scenarios)
     searched = SEARCHED + 8 * len(case.sorties) if start.is_searched(case) else 0
     return HELD + searched + STEERING * steers + 100 * debris
-
-
-def free() -> int:
-    """Return how much memory is free on this machine [bytes]."""
-    try:
-        with open("/proc/meminfo", encoding="ascii") as told:
-            return next(int(line.split()[1]) * 1024 for line in told if line.startswith("MemAvailable"))
-    except (OSError, StopIteration):
-        pages = os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 2**20  # of 4 KiB: 4 GiB where nobody says
-        return pages * (os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096)
 
 
 Begun = tuple[Array, Lacking]  # how a shard's places were drawn (drift.motion.prior.Prior), and what lacks forcing

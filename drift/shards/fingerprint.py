@@ -2,7 +2,7 @@
 
 import hashlib
 
-from drift import facts
+from drift import facts, version
 from drift.case import said
 from drift.case.record import Case
 from drift.environment.environment import Environment
@@ -28,6 +28,6 @@ def of(case: Case, where: Environment, many: int) -> dict[str, str]:
 def of_machine() -> dict[str, str]:
     """Return what of it is the same for all runs on a machine."""
     return {
-        "the versions": ", ".join(f"{name} {version}" for name, version in machine.versions().items()),
+        "the versions": version.told(),
         "the processor's arithmetic": machine.arithmetic(),
     }

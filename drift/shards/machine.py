@@ -1,20 +1,13 @@
-"""What the bits of results depend on besides the case: versions of programs, and the processor's arithmetic."""
+"""What the bits of results depend on besides the case and versions of programs: the processor's arithmetic."""
 
 import hashlib
 import platform
-from importlib import metadata
 
 import numpy as np
 
 from kernels import probe
 
-PACKAGES = ("casp-drift", "taichi", "numpy", "scipy", "shapely", "contourpy")
 FUNCTIONS = (np.exp, np.log, np.sin, np.cos, np.tan, np.sqrt, np.cbrt, np.expm1, np.log1p, np.arctan)
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that make results."""
-    return {"Python": platform.python_version(), **{name: metadata.version(name) for name in PACKAGES}}
 
 
 def arithmetic() -> str:

@@ -20,7 +20,7 @@ from drift.search.account import Noted
 from drift.search.meeting import Redrawing
 from drift.search.standing import Standing
 from drift.search.updates import Updates
-from drift.shards import cluster, stretch, work
+from drift.shards import cluster, shelf, stretch
 from drift.shards.divide import Divided
 from drift.shards.told import Told, columns, together
 from drift.shards.unit import From, Unit
@@ -57,10 +57,10 @@ def moved(job: Job, run: Divided, mark: Mapping[str, str], noted: Noted | None) 
     mark: the run's fingerprint.
     """
     case, job = job.case, replace(job, tell=_rising(job.tell))
-    need, slices = work.need(case, run.layout.bounds[-1]), work.slices(case, run.setup.scene)
+    need, slices = shelf.need(case, run.layout.bounds[-1]), shelf.slices(case, run.setup.scene)
     with (
-        work.opened(job.out, mark, need, slices) as kept,
-        work.stored(job.where, kept),
+        shelf.opened(job.out, mark, need, slices) as kept,
+        shelf.stored(job.where, kept),
     ):
         try:
             way, told = _all(job, run, kept, mark, noted)

@@ -27,7 +27,7 @@ from drift.motion.step_size import TRIAL_SIZE
 from drift.particles import ensemble as record
 from drift.particles.ensemble import Ensemble, Layout
 from drift.particles.partials import WORLDS
-from drift.shards import cluster, fingerprint, work
+from drift.shards import cluster, fingerprint, shelf
 from drift.shards.work import Work
 from drift.spill import release
 from drift.spill.records import Spill
@@ -139,11 +139,11 @@ class Rounds:
 @contextlib.contextmanager
 def opened(job: Job, run: Shards) -> Iterator[Rounds]:
     """Give what moves the rounds of a spill."""
-    need = work.need(job.case, job.case.particles) + (BYTES_STAY + BYTES_WEIGHED) * job.case.particles
-    slices, mark = work.slices(job.case, run.setup.scene), fingerprint.of(job.case, job.where, len(run.spans))
+    need = shelf.need(job.case, job.case.particles) + (BYTES_STAY + BYTES_WEIGHED) * job.case.particles
+    slices, mark = shelf.slices(job.case, run.setup.scene), fingerprint.of(job.case, job.where, len(run.spans))
     with (
-        work.opened(job.out, mark, need, slices) as kept,
-        work.stored(job.where, kept),
+        shelf.opened(job.out, mark, need, slices) as kept,
+        shelf.stored(job.where, kept),
     ):
         yield Rounds(job, run, kept, mark)
 

@@ -1,9 +1,8 @@
-"""The folder in which a run keeps what it has finished, so that one that was killed goes on from there.
+"""What a run in shards has finished: files, so that one that was killed goes on from there.
 
-It lies beside the results and goes when these stand. Each shard's outputs are a file; a second one, written last and
-moved to its name in one step, says where its columns lie and what its bytes add up to. A file that was cut short or
-altered is found by that, and its shard is done again. All stands under a fingerprint of the case, the versions, the
-forcing and the processor's arithmetic: where that has changed, nothing of it is used.
+Each shard's outputs are a file; a second one, written last and moved to its name in one step, says where its columns
+lie and what its bytes add up to, and is sealed to the run. A file that was cut short or altered is found by that, and
+its shard is done again. The folder in which they lie: drift.shards.shelf.
 """
 
 import contextlib
@@ -12,7 +11,6 @@ import json
 import logging
 import os
 import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,25 +19,19 @@ from typing import Any, Protocol
 import numpy as np
 
 from drift.case.record import Case
-from drift.environment import environment
 from drift.environment.environment import Environment
 from drift.motion import simulate
 from drift.motion.scene import Scene
-from drift.motion.spool import BYTES, BYTES_END, NoRoom, Noted, Reel, Taken
-from drift.output import hidden
+from drift.motion.spool import NoRoom, Noted, Reel, Taken
 from drift.particles.ensemble import Layout
-from geo import notation
 from geo.errors import UserError
 
-SUFFIX = ".unfinished"
 ABOUT = "about.json"
 NUMBER = "the number of shards"  # in the fingerprint
 INDICES = "shard-*.json"
 KINDS_OF_FILES = ("shard", "state", "drawn")  # of stretches, of where they ended, of who was drawn anew there
 FORCING = "forcing"  # folder of slices, which all shards sample and one makes
 CHUNK = 2**24
-NOTED = 80  # [bytes] a particle and update, about: weights, and the quantities of which posteriors are told
-STATE = 200  # [bytes] a particle, about
 LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
 
 
@@ -108,10 +100,10 @@ class Work:
             data.unlink()
             return
         with self._room(data):
-            if _run_of(self.folder) != self.run:  # another run has begun anew there meanwhile
+            if run_in(self.folder) != self.run:  # another run has begun anew there meanwhile
                 raise Gone(name)
             index = {**_index(reel), "of": of, "bytes": _digest(data)}
-            _replace(self._index(name), json.dumps({**index, "seal": self._seal(name, index)}))
+            replace(self._index(name), json.dumps({**index, "seal": self._seal(name, index)}))
         self.sound.add(name)
 
     def read(self, name: str) -> Reel:
@@ -212,100 +204,13 @@ class Gone(Exception):
     """A file from which a shard was to go on is not there any more."""
 
 
-@contextlib.contextmanager
-def opened(out: Path | None, fingerprint: Mapping[str, str], need: int, slices: int = 0) -> Iterator[Work]:
-    """Give the work of a run that writes to `out`, as far as it is finished; None: it is not kept.
-
-    fingerprint: of all that decides on the results, by what it is of; need: [bytes] of all shards; slices: [bytes] of the
-    forcing's, which are kept if there is room for them too. It stays until `clear`. Raises UserError where another run is at work on it, or there is no room.
-    """
-    with contextlib.ExitStack() as stack:
-        if out is None:
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="drift-")))
-            work = Work(folder, run_of(fingerprint))
-            _replace(folder / ABOUT, json.dumps(dict(fingerprint)))
-        else:
-            folder = _of(out)
-            work = Work(folder, run_of(fingerprint))
-            try:
-                folder.mkdir(parents=True, exist_ok=True)
-                stack.callback(_removed_if_empty, folder)
-                if not stack.enter_context(hidden.alone(folder, 0.0)):
-                    raise UserError(
-                        f"{out}: another run is at work on it ({folder}); wait for it, or name another folder with --out"
-                    )
-                _take_up(work, fingerprint)
-            except OSError as error:
-                raise UserError(f"{folder}: {error.strerror or error}; name another folder with --out") from error
-        have = sum(path.stat().st_size for path in folder.glob("*-*.bin"))
-        room = shutil.disk_usage(folder).free
-        if need - have > room:
-            raise UserError(
-                f"{folder}: the particles at all output times need {need / 2**30:.1f} GiB, and it has room for "
-                f"{(room + have) / 2**30:.1f} GiB; make room, name another folder with --out, or ask for fewer particles or outputs"
-            )
-        _make_room(folder / FORCING, slices, room + have - need)
-        yield work
-
-
-def _make_room(folder: Path, need: int, room: int) -> None:
-    """Make the folder of the forcing's slices, if there is room for them [bytes]; say so where there is none."""
-    have = sum(path.stat().st_size for path in folder.glob("*"))
-    if need <= room + have:
-        folder.mkdir(exist_ok=True)
-        return
-    shutil.rmtree(folder, ignore_errors=True)
-    LOG.warning(
-        "%s: no room for the forcing as it is sampled (%.1f GiB): each shard reads and regrids it anew",
-        folder.parent,
-        need / 2**30,
-    )
-
-
-def unfinished(out: Path) -> bool:
-    """Whether anything is kept of a run that was to write its results there."""
-    return os.path.isdir(_of(out))
-
-
-def begun(out: Path, fingerprint: Mapping[str, str]) -> int | None:
-    """Return into how many shards this very run was cut before; None where nothing of it is there.
-
-    fingerprint: of it, whatever the number of its shards.
-    """
-    before = _about(_of(out))
-    if before is None or any(before.get(name) != value for name, value in fingerprint.items() if name != NUMBER):
-        return None
-    return int(before[NUMBER]) if str(before.get(NUMBER)).isdecimal() else None
-
-
-def clear(out: Path, fingerprint: Mapping[str, str] | None = None) -> None:
-    """Take away what is kept of a run whose results stand; fingerprint: of that run, if another's is to be left."""
-    folder = _of(out)
-    if unfinished(out) and (fingerprint is None or begun(out, fingerprint) is not None):
-        with hidden.alone(folder, 0.0) as free:
-            if free:
-                shutil.rmtree(folder, ignore_errors=True)
-
-
 def run_of(fingerprint: Mapping[str, str]) -> str:
     """Return the digest of a run's fingerprint."""
     told = json.dumps(dict(fingerprint), sort_keys=True)
     return hashlib.blake2b(told.encode(), digest_size=16).hexdigest()
 
 
-def _of(out: Path) -> Path:
-    """Return the folder beside that of the results."""
-    real = Path(os.path.realpath(out))
-    return real.parent / f".{real.name}{SUFFIX}"
-
-
-def _removed_if_empty(folder: Path) -> None:
-    """Take a folder away in which nothing is kept."""
-    with contextlib.suppress(OSError):
-        folder.rmdir()
-
-
-def _about(folder: Path) -> dict[str, Any] | None:
+def mark_of(folder: Path) -> dict[str, Any] | None:
     """Return the fingerprint of the run whose files a folder keeps; None where there is none."""
     try:
         told = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
@@ -314,49 +219,12 @@ def _about(folder: Path) -> dict[str, Any] | None:
     return told if isinstance(told, dict) else None
 
 
-def _run_of(folder: Path) -> str:
+def run_in(folder: Path) -> str:
     """Return the digest of the fingerprint of the run whose files a folder keeps; empty where there is none."""
-    return run_of(_about(folder) or {})
+    return run_of(mark_of(folder) or {})
 
 
-def _take_up(work: Work, fingerprint: Mapping[str, str]) -> None:
-    """Use what a run before has finished, if it was the same; else say what has changed, and begin anew."""
-    about, before = work.folder / ABOUT, _about(work.folder)
-    if before == dict(fingerprint):
-        many = len(list(work.folder.glob(INDICES)))
-        if many:
-            LOG.warning("%d shards of this run were finished before: it goes on from there", many)
-        return
-    if before is not None:
-        changed = [name for name in {**before, **fingerprint} if before.get(name) != fingerprint.get(name)]
-        LOG.warning("an unfinished run is there, but %s changed since: it begins anew", " and ".join(changed))
-    work.drop()
-    _replace(about, json.dumps(dict(fingerprint)))
-
-
-@contextlib.contextmanager
-def stored(where: Environment, work: Work) -> Iterator[None]:
-    """Have what this process reads of the forcing stored with the shards meanwhile."""
-    environment.store(where, work.forcing)
-    try:
-        yield
-    finally:
-        environment.store(where, None)
-
-
-def slices(case: Case, scene: Scene) -> int:
-    """Return how many bytes the slices of a run's forcing take."""
-    return scene.forcing.size(*notation.epochs(np.array(case.period.span)).tolist())
-
-
-def need(case: Case, particles: int) -> int:
-    """Return about how many bytes the files of a run take: outputs, what is told of updates, states between stretches."""
-    updates = len(case.sorties) + len(case.contacts) + len(case.sensors.telling)
-    states = 2 * STATE if updates else 0  # of the stretch under way and the one before
-    return particles * (BYTES * case.outputs.size + BYTES_END + NOTED * updates + states)
-
-
-def _replace(path: Path, text: str) -> None:
+def replace(path: Path, text: str) -> None:
     """Write a file whole or not at all, so that it outlasts a loss of power."""
     new = path.with_suffix(".new")
     with new.open("w", encoding="utf-8") as stream:

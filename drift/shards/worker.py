@@ -1,11 +1,13 @@
 """What a worker of a cluster does: opens a case's environment once, moves shards in it, and keeps them in the run's folder."""
 
 import functools
+import math
 import os
 import pickle
 import socket
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from drift import start
 from drift.case.record import Case
@@ -17,14 +19,24 @@ from drift.particles.ensemble import Layout
 from drift.shards import divide, fingerprint, work
 from geo.errors import UserError
 from kernels import coast as device_coast
-from kernels import runtime
+from kernels import memory, runtime
 
 _open: dict[str, tuple[Environment, Scene]] = {}  # the run that was opened last, by its digest
 
 
+def machine() -> str:
+    """Return which machine this is."""
+    return socket.gethostname()
+
+
 def process() -> str:
     """Return which machine and process this is."""
-    return f"{socket.gethostname()} {os.getpid()}"
+    return f"{machine()} {os.getpid()}"
+
+
+def room(dask_worker: Any) -> tuple[str, float, float]:
+    """Return which machine this is, what memory it has left, and what dask lets the worker take, which it gives [bytes]."""
+    return machine(), float(memory.free()), float(dask_worker.memory_manager.memory_limit or math.inf)
 
 
 def about(folder: str = "") -> dict[str, str]:

@@ -17,8 +17,9 @@ import drift
 from drift import flow
 from drift.cli import commands
 from drift.forecast import chapter as forecast_chapter
+from drift.output import hidden
 from drift.output.chapter import Chapter
-from drift.shards import work
+from drift.shards import shelf
 from geo.errors import UserError
 
 SMALL = {"particles": 9000}  # three blocks
@@ -103,17 +104,17 @@ def test_results_of_another_run_stand_until_the_new_ones_are_complete(
         drift.run(other, out, shards=2, resume=True, report=half)
     assert "holds results of another run: the case and the seed changed since" in caplog.text
     assert held(out) == before
-    assert left(out) == [f".out{work.SUFFIX}"]
+    assert left(out) == [f".out{hidden.UNFINISHED}"]
     with pytest.MonkeyPatch.context() as patch:
 
         def killed(folder: Path) -> None:
             raise KeyboardInterrupt
 
-        patch.setattr(work, "clear", killed)
+        patch.setattr(shelf, "clear", killed)
         with pytest.raises(KeyboardInterrupt):
             drift.run(other, out, shards=2, resume=True)
     assert "1 shards of this run were finished before" in caplog.text
-    assert left(out) == [f".out{work.SUFFIX}"]
+    assert left(out) == [f".out{hidden.UNFINISHED}"]
     assert drift.run(other, out, resume=True) is None
     assert left(out) == []
     drift.run(other, tmp_path / "fresh")

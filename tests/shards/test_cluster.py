@@ -20,8 +20,10 @@ import writers
 import xarray as xr
 
 import drift
-from drift import flow, start
+from drift import flow, start, version
+from drift.output import hidden
 from drift.shards import cluster, divide, fingerprint, machine, unit, work, worker
+from kernels import memory
 
 FEW_WATERS = """
 start = "2024-03-05T00:10Z"
@@ -124,8 +126,8 @@ def test_a_worker_that_is_killed_costs_its_shards_only(
 def test_workers_of_another_kind_are_refused(
     case: drift.Case, client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    mine = machine.versions()
-    monkeypatch.setattr(machine, "versions", lambda: {**mine, "numpy": "1.0"})
+    mine = version.versions()
+    monkeypatch.setattr(version, "versions", lambda: {**mine, "numpy": "1.0"})
     with pytest.raises(drift.UserError, match=r"worker tcp.*: the versions: .*; here: .*numpy 1\.0"):
         drift.run(case, tmp_path / "out", client=client, shards=3)
     monkeypatch.undo()
@@ -249,7 +251,7 @@ def test_the_schedulers_loss_is_one_line(case: drift.Case, made: drift.Result, t
                 drift.run(case, out, client=client, shards=9, report=report)
     assert "\n" not in str(error.value)
     assert dask.config.get("scheduler", None) is None  # else all that xarray writes from now on would ask the dead one
-    assert len(list((out.parent / f".{out.name}{work.SUFFIX}").glob(work.INDICES))) >= 1
+    assert len(list((out.parent / f".{out.name}{hidden.UNFINISHED}").glob(work.INDICES))) >= 1
     runs.same(drift.run(case, out), made)
 
 
@@ -260,12 +262,39 @@ def test_the_schedulers_loss_is_one_line(case: drift.Case, made: drift.Result, t
         (2, "tcp://127.0.0.1:1", "give one of them"),
         (None, "tcp://127.0.0.1:1", "no cluster answers there"),
         (None, "nowhere://", "no cluster answers there"),
+        (None, "nonsense", r"nonsense: no cluster answers there \(missing port"),
     ],
 )
 def test_no_such_cluster(workers: int | None, address: str | None, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster, "PATIENCE", 1)
     with pytest.raises(drift.UserError, match=said), cluster.connected(workers, address):
         pass
+
+
+def test_a_worker_that_dies_while_all_are_asked_is_no_fault(client: Any) -> None:
+    """Others are asked, and one that comes in its stead is asked with its first shard."""
+    for _ in range(3):
+        client.wait_for_workers(2, timeout=60)
+        os.kill(max(client.run(os.getpid, on_error="ignore").values()), signal.SIGKILL)
+        cluster.check(client)
+        assert cluster.workers_of(client).count in (1, 2)
+
+
+def test_workers_say_how_much_memory_they_have(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two on this machine, and the process that was started."""
+    client.wait_for_workers(2, timeout=60)
+    found = cluster.workers_of(client)
+    assert (found.count, found.together) == (2, 3)
+    assert found.free == pytest.approx(memory.free() / 3, rel=0.3)
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, memory_limit="1 GB", dashboard_address="127.0.0.1:0"
+        ) as local,
+        distributed.Client(local, set_as_default=False) as other,
+    ):
+        assert cluster.workers_of(other).free == 1e9  # what dask lets it take
+        monkeypatch.setattr(worker, "machine", lambda: "elsewhere")
+        assert cluster.workers_of(other).together == 1
 
 
 def test_datasets_in_memory_stay_here(case: drift.Case, client: Any) -> None:

@@ -3,7 +3,10 @@
 import json
 import os
 import shutil
+import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,9 +19,10 @@ import drift
 from drift import flow, start
 from drift.cli import commands
 from drift.motion import prior, spool
-from drift.shards import divide, machine, unit, work
+from drift.output import hidden
+from drift.shards import divide, machine, shelf, unit, work
 from kernels import coast as coasts
-from kernels import runtime
+from kernels import memory, runtime
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +50,7 @@ def unwritten(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def unfinished(out: Path) -> Path:
-    return out.parent / f".{out.name}{work.SUFFIX}"
+    return out.parent / f".{out.name}{hidden.UNFINISHED}"
 
 
 def shards_of(out: Path) -> list[str]:
@@ -55,6 +59,31 @@ def shards_of(out: Path) -> list[str]:
 
 class Stopped(Exception):
     pass
+
+
+KILLED = """
+import os, signal, sys
+import drift
+from drift.motion import spool
+from drift.shards import work
+case, out, where = sys.argv[1:]
+def die():
+    os.kill(os.getpid(), signal.SIGKILL)
+keep, replace = spool.Reel._keep, work.replace
+def kept(self, name, values):
+    at = keep(self, name, values)
+    if where == "data" and "00002" in str(self.file.name) and len(self.taken) == 1:
+        self.file.flush()
+        die()
+    return at
+def replaced(path, text):
+    if "00002" in path.name:
+        path.with_suffix(".new").write_text(text[: len(text) // 2])
+        die()
+    replace(path, text)
+spool.Reel._keep, work.replace = kept, replaced
+drift.run(drift.load(case), out, shards=4)
+"""
 
 
 def stopping(at: float) -> Callable[[str, float], None]:
@@ -309,7 +338,7 @@ def test_a_full_disk_keeps_what_is_finished(
     out = tmp_path / "out"
     usage = work.shutil.disk_usage
     monkeypatch.setattr(work.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 999})())
-    with pytest.raises(drift.UserError, match=r"need .* GiB, and it has room for"):
+    with pytest.raises(drift.UserError, match=r"need 1\.8 MiB, and it has room for 0\.0 MiB"):
         drift.run(case, out, shards=4)
     monkeypatch.setattr(work.shutil, "disk_usage", usage)
     keep = work.Reel._keep
@@ -332,7 +361,7 @@ def test_a_full_disk_keeps_what_is_finished(
     [
         (["--shards", "0"], "give 1 to 9"),
         (["--shards", "10"], "give 1 to 9"),
-        (["--memory", "0.2 GB"], "a run takes 0.7 (GiB) at least"),
+        (["--memory", "0.2 GB"], "a run takes 0.7 GiB at least"),
         (["--memory", "plenty"], "--memory"),
         (["--memory", "1e400 GB"], "--memory"),
     ],
@@ -352,8 +381,74 @@ def test_memory_and_the_loss_at_a_stop_choose_the_shards(case: drift.Case) -> No
     assert divide.number(many, 0.8, None) == -(-100_000_000 // int(room / divide.HELD))
     assert divide.number(many, 1e6, None) == 96  # of 2^20
     assert divide.number(case, None, None) == 1
-    assert divide.number(case, None, None, workers=2) == 8
-    assert divide.number(case, None, None, workers=64) == 9  # its blocks
+
+
+def test_the_memory_of_workers_chooses_the_shards(case: drift.Case) -> None:
+    """Each has its own: a thousand of them on other machines do not share that of one."""
+    many, gib = drift.vary(case, {"particles": 100_000_000}), 2**30
+    two = divide.Workers(2, 3, 8 * gib)
+    assert divide.number(case, None, None, two) == 8
+    assert divide.number(case, None, None, divide.Workers(64, 1, 8 * gib)) == 9  # its blocks
+    assert divide.number(many, None, None, divide.Workers(8, 1, 8 * gib)) == 96  # of 2^20
+    assert divide.number(many, None, None, divide.Workers(64, 1, 8 * gib)) == 256  # 4 each
+    tight = 1.6 * gib
+    assert divide.number(many, None, None, divide.Workers(8, 1, tight)) == -(
+        -100_000_000 // int((tight / 2 - divide.BASE) / divide.HELD)
+    )
+    room = 2.4 * gib / 3 - divide.BASE  # they share with the process that was started
+    assert divide.number(many, 2.4, None, two) == -(-100_000_000 // int(room / divide.HELD))
+    with pytest.raises(
+        drift.UserError, match=r"2\.0 \(GiB\): 3 processes on one machine take 2\.1 GiB at least; .* fewer workers"
+    ):
+        divide.number(many, 2.0, None, two)
+
+
+def test_one_piece_that_does_not_fit_is_one_line(case: drift.Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "free", lambda: 30_000 * 250 - 1)
+    with pytest.raises(
+        drift.UserError, match=r"30,000 particles in one piece .* of memory are free; .* in shards that fit"
+    ):
+        drift.run(case, shards=1)
+    monkeypatch.setattr(memory, "free", lambda: 30_000 * 250)
+    drift.run(case, shards=1)
+
+
+@pytest.mark.usefixtures("unwritten")
+def test_a_folder_beside_which_nothing_can_be_made(
+    case: drift.Case, made: drift.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mount, or one in a folder of others: what is finished lies in it, and does not count as results."""
+    out = tmp_path / "mount"
+    out.mkdir()
+    monkeypatch.setattr(shelf.os.path, "ismount", lambda path: Path(path) == out)
+    with pytest.raises(Stopped):
+        drift.run(case, out, shards=4, report=stopping(0.6))
+    assert [path.name for path in tmp_path.iterdir()] == ["mount"]
+    assert len(list((out / hidden.UNFINISHED).glob("shard-*"))) == 4
+    runs.same(drift.run(case, out, shards=4), made)
+    assert list(out.iterdir()) == []
+
+
+@pytest.mark.usefixtures("unwritten")
+def test_a_link_to_a_disk_with_more_room_stays(case: drift.Case, made: drift.Result, tmp_path: Path) -> None:
+    (tmp_path / "roomy").mkdir()
+    unfinished(tmp_path / "out").symlink_to(tmp_path / "roomy")
+    runs.same(drift.run(case, tmp_path / "out", shards=4), made)
+    assert unfinished(tmp_path / "out").is_symlink()
+    assert list((tmp_path / "roomy").iterdir()) == []
+
+
+@pytest.mark.usefixtures("unwritten")
+@pytest.mark.parametrize("where", ["data", "index"])
+def test_killed_while_a_file_is_written(case: drift.Case, made: drift.Result, tmp_path: Path, where: str) -> None:
+    """Nothing that Python could clean up after: the process is gone in the middle of the third shard's files."""
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(case.path), str(tmp_path / "out"), where])
+    assert killed.returncode == -signal.SIGKILL
+    left = {path.name for path in unfinished(tmp_path / "out").glob("shard-*")}
+    assert {"shard-00001-000.json", "shard-00002-000.bin"} <= left
+    assert "shard-00002-000.json" not in left
+    runs.same(drift.run(case, tmp_path / "out", shards=4), made)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_is_kept_names_no_machine(case: drift.Case, tmp_path: Path) -> None:

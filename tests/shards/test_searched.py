@@ -13,6 +13,7 @@ import shards as runs
 import drift
 from drift import flow
 from drift.case import said
+from drift.output import hidden
 from drift.particles.ensemble import Ensemble
 from drift.search.filter import Search
 from drift.shards import unit, work
@@ -234,7 +235,7 @@ class Killed(Exception):
 def test_a_search_that_was_killed_goes_on(after: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Killed as its files come to stand, one more of them at a time: the same comes of it."""
     case = load(tmp_path, STEERED.replace("below = 0\n", "below = 0.6\n"))
-    whole, out, put, stood = drift.run(case), tmp_path / "out", work._replace, []
+    whole, out, put, stood = drift.run(case), tmp_path / "out", work.replace, []
 
     def killed(path: Path, text: str) -> None:
         if path.name != work.ABOUT and len(stood) == after:
@@ -242,10 +243,10 @@ def test_a_search_that_was_killed_goes_on(after: int, tmp_path: Path, monkeypatc
         stood.append(path.name)
         put(path, text)
 
-    monkeypatch.setattr(work, "_replace", killed)
+    monkeypatch.setattr(work, "replace", killed)
     with pytest.raises(Killed):
         drift.run(case, out, shards=3)
-    monkeypatch.setattr(work, "_replace", put)
+    monkeypatch.setattr(work, "replace", put)
     same(whole, drift.run(case, out, shards=3))
 
 
@@ -261,8 +262,8 @@ def test_a_stretch_whose_begin_is_gone_begins_anew(
         drift.run(case, out, shards=3)
     monkeypatch.undo()
     monkeypatch.setattr(flow, "write", lambda *given, **more: None)
-    kept = sorted(path.name for path in (tmp_path / f".out{work.SUFFIX}").glob("*.bin"))
-    late = tmp_path / f".out{work.SUFFIX}" / next(name for name in kept if name.startswith("shard-00001-001"))
+    kept = sorted(path.name for path in (tmp_path / f".out{hidden.UNFINISHED}").glob("*.bin"))
+    late = tmp_path / f".out{hidden.UNFINISHED}" / next(name for name in kept if name.startswith("shard-00001-001"))
     late.write_bytes(late.read_bytes()[:-1])
     filled: list[int] = []
     fill = unit.Unit._fill
@@ -281,7 +282,7 @@ def test_a_search_that_contradicts_all_keeps_nothing(tmp_path: Path) -> None:
     with pytest.raises(drift.UserError) as cut:
         drift.run(case, out, shards=4)
     assert str(cut.value) == str(whole.value)
-    assert not list((tmp_path / f".out{work.SUFFIX}").glob("*.bin"))
+    assert not list((tmp_path / f".out{hidden.UNFINISHED}").glob("*.bin"))
 
 
 UNIT = """
@@ -306,7 +307,7 @@ def test_a_plan_is_scored_in_shards_as_in_one_piece(tmp_path: Path) -> None:
     again, cut = drift.plan(case, tmp_path / "out", shards=4)
     assert told(plan) == told(again)
     same(whole, cut)
-    assert not (tmp_path / f".out{work.SUFFIX}").exists()
+    assert not (tmp_path / f".out{hidden.UNFINISHED}").exists()
 
 
 def test_a_case_changed_in_python_is_another(tmp_path: Path) -> None:

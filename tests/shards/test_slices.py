@@ -9,7 +9,8 @@ import writers
 
 import drift
 from drift import flow
-from drift.shards import work
+from drift.output import hidden
+from drift.shards import shelf, work
 from geo.forcing import kept, tile
 
 CASE = """
@@ -73,7 +74,7 @@ def half(phase: str, share: float) -> None:
 
 
 def slices_of(out: Path) -> list[Path]:
-    return sorted((out.parent / f".{out.name}{work.SUFFIX}" / work.FORCING).glob("*.slice"))
+    return sorted((out.parent / f".{out.name}{hidden.UNFINISHED}" / work.FORCING).glob("*.slice"))
 
 
 def test_each_slice_is_regridded_once(case: drift.Case, made: drift.Result, tmp_path: Path, read: list[int]) -> None:
@@ -123,7 +124,7 @@ def test_without_room_for_them_shards_read_for_themselves(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     out = tmp_path / "out"
-    room = work.need(case, 20_000)
+    room = shelf.need(case, 20_000)
     monkeypatch.setattr(work.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": room})())
     with caplog.at_level(logging.WARNING, "drift"), pytest.raises(Stopped):
         drift.run(case, out, shards=4, report=half)

@@ -17,6 +17,7 @@ import drift
 from drift import flow, job, start
 from drift.cli import commands
 from drift.motion import spool
+from drift.output import hidden
 from drift.patrols import patrol
 from drift.shards import cluster, divide, spilled, work
 from drift.spill import finds, release
@@ -154,7 +155,7 @@ def same(one: drift.Result, other: drift.Result) -> None:
 
 
 def unfinished(out: Path) -> Path:
-    return out.parent / f".{out.name}{work.SUFFIX}"
+    return out.parent / f".{out.name}{hidden.UNFINISHED}"
 
 
 def kept(out: Path) -> list[int]:
@@ -420,8 +421,8 @@ def test_shards_are_blocks_of_worlds(case: drift.Case, capsys: pytest.CaptureFix
     many = drift.vary(case, {"spill.worlds": 100_000})  # 7 million particles
     assert divide.number(many, None, None) >= 7
     assert divide.number(case, None, None) == 1
-    assert divide.number(case, None, None, workers=2) == BLOCKS
-    assert divide.number(many, None, None, workers=2) >= 8
+    assert divide.number(case, None, None, divide.Workers(2, 3, 8 * 2**30)) == BLOCKS
+    assert divide.number(many, None, None, divide.Workers(2, 3, 8 * 2**30)) >= 8
 
 
 def test_memory_that_the_finds_need_is_told(case: drift.Case) -> None:
