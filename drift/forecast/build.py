@@ -6,9 +6,11 @@ released is in the account (`status_probability`, which adds up to 1) but on no 
 antimeridian, from the grid's western edge eastward. The particles are read part by part: drift.particles.snapshot.
 """
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +28,9 @@ from geo import sphere
 from geo.array import Array
 from geo.cells import QUANTUM, Cells, IsLand
 from geo.errors import UserError
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 AT_ONCE = 2  # maps that are made at the same time: each holds some 50 MB meanwhile
 ACROSS = 360  # most cells across the forecast's grid
@@ -100,7 +105,7 @@ def build(
     made on cells that divide its cells, as far as there is anything: areas and containment count what lies outside it.
     tell: takes the share that is done.
     """
-    return begin(outputs, scenarios=scenarios, is_land=is_land, shares=shares, grid=grid)(tell)
+    return _begun(outputs, scenarios, is_land, shares, grid, ahead=False)(tell)
 
 
 def begin(
@@ -115,34 +120,60 @@ def begin(
 
     The particles are read, and `is_land`, which may need the device, is called before it is returned.
     """
+    return _begun(outputs, scenarios, is_land, shares, grid, ahead=True)
+
+
+def _begun(
+    outputs: Sequence[Output],
+    scenarios: Sequence[str],
+    is_land: IsLand | None,
+    shares: tuple[float, ...],
+    grid: Cells | None,
+    ahead: bool,
+) -> Callable[..., Forecast]:
+    """Return what `begin` does; ahead: whether what all snapshots leave in cells is read before it is returned.
+
+    Else that takes its turn before each map, so that memory does not grow with it.
+    """
     surveys = [survey.of(output, len(scenarios)) for output in outputs]
     centre, shown = _reference(surveys), _shown(surveys)
     clouds = [cloud.of(*own, centre) for own in zip(outputs, surveys, strict=True)]
     windows, common = _windows(clouds, centre) if grid is None else (_fixed(clouds, centre, grid), grid)
     land = _Land(is_land, common)
-    laid = [
+    each: Iterable[_Laid | None] = (
         None if window is None else _Laid(window, cloud.deposits(output, known, window, shown), land.on(window))
         for output, known, window in zip(outputs, surveys, windows, strict=True)
-    ]
+    )
+    laid = list(each) if ahead else each
     bandwidths = None if grid is None else [None if own is None else own.spacing for own in clouds]
 
     def rest(tell: Callable[[float], None] = lambda share: None) -> Forecast:
-        maps = []
+        maps, contours = dataset.Maps(len(surveys), common, shown.size, len(shares)), []
         with ThreadPoolExecutor(AT_ONCE) as pool:
-            for made in pool.map(lambda own: None if own is None else _map(own, shares, common), laid):
-                maps.append(made)
-                tell(len(maps) / len(laid))
-        contours = tuple(
-            Contour(known.time, share, float(size), outline)
-            for known, drawn in zip(surveys, maps, strict=True)
-            if drawn is not None
-            for share, size, outline in zip(shares, drawn[0].areas, drawn[1], strict=True)
-        )
-        without_outlines = [None if drawn is None else drawn[0] for drawn in maps]
-        data = dataset.build(surveys, scenarios, common, without_outlines, shares, bandwidths)
-        return Forecast(data, contours)
+            drawn = _in_turn(pool, lambda own: None if own is None else _map(own, shares, common), laid)
+            for number, (known, made) in enumerate(zip(surveys, drawn, strict=True)):
+                if made is not None:
+                    area, outlines = made
+                    maps.put(number, area)
+                    contours += [
+                        Contour(known.time, share, float(size), outline)
+                        for share, size, outline in zip(shares, area.areas, outlines, strict=True)
+                    ]
+                tell((number + 1) / len(surveys))
+        return Forecast(dataset.build(surveys, scenarios, maps, shares, bandwidths), tuple(contours))
 
     return rest
+
+
+def _in_turn(pool: ThreadPoolExecutor, function: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
+    """Yield what a function makes of some items, in their order; no more of these are asked for than are worked on."""
+    waiting: deque[Future[R]] = deque()
+    for item in items:
+        waiting.append(pool.submit(function, item))
+        if len(waiting) > AT_ONCE:
+            yield waiting.popleft().result()
+    while waiting:
+        yield waiting.popleft().result()
 
 
 def grid_of(outputs: Sequence[Output], scenarios: int) -> Cells:

@@ -150,11 +150,52 @@ STEERING = {  # words of long names where targets steer
 }
 
 
+class Maps:
+    """The maps of all times on the cells that these share; each is put in as it is made, and need not be kept."""
+
+    def __init__(self, times: int, grid: Cells, scenarios: int, shares: int) -> None:
+        """Make room for the maps of so many times; scenarios: that are shown."""
+        self.grid = grid
+        self.by_scenario = np.zeros((times, scenarios, *grid.shape), np.float32)
+        self.probability, self.ashore, self.contained = (np.zeros((times, *grid.shape), np.float32) for _ in range(3))
+        self.contained[:] = np.nan
+        self.off, self.per_kernel, self.height = (np.full(times, np.nan) for _ in range(3))
+        self.areas, self.held_out = (np.full((times, shares), np.nan) for _ in range(2))
+
+    def put(self, i: int, area: areas.Area) -> None:
+        """Put in the map of a time."""
+        part, own = _coarsened(area, self.grid)
+        where, there = _shared(own, self.grid)
+        total = part.sum(axis=(0, 1))
+        self.by_scenario[(i, slice(None), *where)] = part.sum(axis=1)[(slice(None), *there)]
+        self.probability[(i, *where)] = total[there]
+        self.ashore[(i, *where)] = part[:, 1:].sum(axis=(0, 1))[there]  # nothing where nobody is ashore
+        self.contained[i] = 1.0
+        self.contained[(i, *where)] = _containment(area, total, own.area())[there]
+        self.off[i] = 1 - total[there].sum() / total.sum()
+        self.per_kernel[i], self.height[i] = area.per_kernel, area.cells.height
+        self.areas[i], self.held_out[i] = area.areas, area.held_out
+
+    def values(self) -> dict[str, Array]:
+        """Return what is known of each cell at each time, and of each map."""
+        return {
+            "probability": self.probability,
+            "probability_ashore": self.ashore,
+            "probability_by_scenario": self.by_scenario,
+            "containment": self.contained,
+            **_edges(self.grid),
+            "cell_area": np.repeat(self.grid.area()[:, None], self.grid.nlon, axis=1),
+            "off_grid": self.off,
+            "containment_area": self.areas,
+            "held_out": self.held_out,
+            "particles_per_kernel": self.per_kernel,
+        }
+
+
 def build(
     surveys: Sequence[Survey],
     scenarios: Sequence[str],
-    grid: Cells,
-    maps: Sequence[areas.Area | None],
+    maps: Maps,
     shares: Sequence[float],
     bandwidths: Sequence[float | None] | None = None,
 ) -> xr.Dataset:
@@ -163,25 +204,21 @@ def build(
     bandwidths: [binary angle unit] that suit the densest particles of each output, on a grid that does not follow
     them.
     """
-    numbers = _numbers(surveys, maps, len(shares))
-    mapped_alone = likeliest.of(numbers["scenario_probability"])
+    by_scenario = np.array([survey.scenario for survey in surveys])
+    mapped_alone = likeliest.of(by_scenario)
     values = {
-        **_maps(maps, grid, mapped_alone.size),
-        **numbers,
+        **maps.values(),
+        "status_probability": np.array([survey.status for survey in surveys]),
+        "scenario_probability": by_scenario,
         **_effective(surveys),
-        **_tracks([survey.means for survey in surveys], grid),
+        **_tracks([survey.means for survey in surveys], maps.grid),
     }
     if bandwidths is None:
         del values["off_grid"]
     else:
-        values["cells_per_kernel"] = np.array(
-            [
-                np.nan if area is None or bandwidth is None else bandwidth / area.cells.height
-                for area, bandwidth in zip(maps, bandwidths, strict=True)
-            ]
-        )
+        values["cells_per_kernel"] = np.array(bandwidths, np.float64) / maps.height
     data = {name: (dims, values[name], attributes) for name, (dims, attributes) in VARIABLES.items() if name in values}
-    coordinates = _coordinates([survey.time for survey in surveys], scenarios, grid, shares)
+    coordinates = _coordinates([survey.time for survey in surveys], scenarios, maps.grid, shares)
     if mapped_alone.rest:
         data["probability_by_scenario"] = (MAPPED_ALONE, *data["probability_by_scenario"][1:])
         names = np.array(mapped_alone.names(scenarios), object)
@@ -202,36 +239,6 @@ def shown(data: xr.Dataset) -> Shown:
     return likeliest.of(data["scenario_probability"].values)
 
 
-def _maps(maps: Sequence[areas.Area | None], grid: Cells, scenarios: int) -> dict[str, Array]:
-    """Return what is known of each cell at each time, and the share of each map that lies off the grid."""
-    shape = (len(maps), *grid.shape)
-    by_scenario = np.zeros((len(maps), scenarios, *grid.shape), np.float32)
-    probability, ashore, contained = (np.zeros(shape, np.float32) for _ in range(3))
-    contained[:] = np.nan
-    off = np.full(len(maps), np.nan)
-    for i, area in enumerate(maps):
-        if area is None:
-            continue
-        part, own = _coarsened(area, grid)
-        where, there = _shared(own, grid)
-        total = part.sum(axis=(0, 1))
-        by_scenario[(i, slice(None), *where)] = part.sum(axis=1)[(slice(None), *there)]
-        probability[(i, *where)] = total[there]
-        ashore[(i, *where)] = part[:, 1:].sum(axis=(0, 1))[there]  # nothing where nobody is ashore
-        contained[i] = 1.0
-        contained[(i, *where)] = _containment(area, total, own.area())[there]
-        off[i] = 1 - total[there].sum() / total.sum()
-    return {
-        "probability": probability,
-        "probability_ashore": ashore,
-        "probability_by_scenario": by_scenario,
-        "containment": contained,
-        **_edges(grid),
-        "cell_area": np.repeat(grid.area()[:, None], grid.nlon, axis=1),
-        "off_grid": off,
-    }
-
-
 def _edges(grid: Cells) -> dict[str, Array]:
     """Return the edges of the cells [deg], (n, 2)."""
 
@@ -242,18 +249,6 @@ def _edges(grid: Cells) -> dict[str, Array]:
     return {
         "lat_bnds": np.clip(pairs(grid.lat0, grid.height, grid.nlat), -90, 90),
         "lon_bnds": pairs(grid.lon0, grid.width, grid.nlon),
-    }
-
-
-def _numbers(surveys: Sequence[Survey], maps: Sequence[areas.Area | None], shares: int) -> dict[str, Array]:
-    """Return what is known of each time as a whole."""
-    none = np.full(shares, np.nan)
-    return {
-        "containment_area": np.array([area.areas if area else none for area in maps]),
-        "held_out": np.array([area.held_out if area else none for area in maps]),
-        "status_probability": np.array([survey.status for survey in surveys]),
-        "scenario_probability": np.array([survey.scenario for survey in surveys]),
-        "particles_per_kernel": np.array([area.per_kernel if area else np.nan for area in maps]),
     }
 
 
