@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from places import DATA
 
+from drift.forecast import build
 from kernels import runtime
 
 
@@ -22,6 +23,18 @@ def data() -> Path:
     if not DATA.is_dir():
         pytest.skip(f"no real data: {DATA} is not there; set DRIFT_DATA")
     return DATA.resolve()
+
+
+@pytest.fixture(scope="module")
+def coarse_maps() -> Iterator[None]:
+    """Make maps of a tenth of the cells, in the same way: for tests that read no number off a map.
+
+    Maps are most of the time of a small run.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "ACROSS", 120)
+        patch.setattr(build, "ACROSS_ONE", 240)
+        yield
 
 
 @pytest.fixture(scope="module")
