@@ -1,12 +1,12 @@
 """The whole flow: the same bits on any number of threads, backward as forward, accounts that add up, no one inland."""
 
+import pickle
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import drift
 from drift.particles.status import Status
@@ -40,16 +40,29 @@ def case_of(folder: Path, **changes: object) -> drift.Case:
     return drift.load(folder / "case.toml")
 
 
+ONE = """
+import pickle, sys
+import drift
+case = drift.load("overdue_boat", dict(one.split("=", 1) for one in sys.argv[2:]))
+data = drift.run(case, threads=1).forecast.data
+with open(sys.argv[1], "wb") as file:
+    pickle.dump({name: data[name].values for name in data.variables}, file)
+"""
+
+
 def test_one_thread_gives_the_bits_of_all(tmp_path: Path) -> None:
     """The default case, smaller; one thread in a process of its own, since a process keeps its threads."""
     smaller = ("particles=8_000", "duration='18 h'", "sortie=[]", "unit=[]", "plan={}")
-    command = [sys.executable, "-m", "drift", "run", "overdue_boat", "--threads", "1", "--out", str(tmp_path / "1")]
-    subprocess.run([*command, *(part for one in smaller for part in ("--set", one))], check=True, capture_output=True)
-    drift.run(drift.load("overdue_boat", dict(one.split("=", 1) for one in smaller)), tmp_path / "2")
-    with xr.open_dataset(tmp_path / "1" / "forecast.nc") as one, xr.open_dataset(tmp_path / "2" / "forecast.nc") as two:
-        assert set(one.variables) == set(two.variables)
-        for name in one.variables:
-            assert one[name].values.tobytes() == two[name].values.tobytes(), name
+    subprocess.run([sys.executable, "-c", ONE, str(tmp_path / "one"), *smaller], check=True, capture_output=True)
+    one = pickle.loads((tmp_path / "one").read_bytes())
+    two = drift.run(drift.load("overdue_boat", dict(one.split("=", 1) for one in smaller))).forecast.data
+    assert set(one) == set(two.variables)
+    for name, values in one.items():
+        assert bits(values) == bits(two[name].values), name
+
+
+def bits(values: np.ndarray) -> bytes:
+    return (values.astype(str) if values.dtype == object else values).tobytes()  # of texts, no addresses
 
 
 def test_reported_wind_and_current_need_no_file_and_move_as_they_should(tmp_path: Path) -> None:

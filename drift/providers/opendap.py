@@ -78,7 +78,10 @@ def ship(order: Order) -> Shipment:
     addresses = whole if provider.protocol == "erddap" else list(provider.address)
     if len(addresses) == 1:
         addresses *= 2
-    first, second = fields = [_field(order, one, n) for one, n in zip(addresses, provider.variables, strict=True)]
+    headers = {one: _header(one, order.timeout) for one in dict.fromkeys(addresses)}  # most have one for both
+    first, second = fields = [
+        _field(order, headers[one], name) for one, name in zip(addresses, provider.variables, strict=True)
+    ]
     if not np.array_equal(first.times, second.times):
         raise UserError(f"{provider.name}: its two components have other times")
     if not all(np.array_equal(*pair, equal_nan=True) for pair in zip(first.points, second.points, strict=True)):
@@ -115,8 +118,8 @@ def _header(one: str, timeout: float) -> Header:
     return Header(one, variables, attributes, grids, timeout)
 
 
-def _field(order: Order, one: str, name: str) -> Field:
-    data = _header(one, order.timeout)
+def _field(order: Order, data: Header, name: str) -> Field:
+    one = data.address
     if name not in data.variables:
         held = ", ".join(other for other, v in data.variables.items() if v.ndim >= 2)
         raise UserError(f'"{one}" has no variable {name}; it has {held}')

@@ -18,6 +18,8 @@ from drift.cli.commands import main
 from drift.spill import evidence, release
 from geo.errors import UserError
 
+pytestmark = pytest.mark.usefixtures("coarse_maps")  # no number is read off a map
+
 HEAD = """
 title = "trial"
 start = "2026-11-21T00:00Z"

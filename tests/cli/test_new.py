@@ -9,6 +9,7 @@ import drift
 from drift.case import template
 from drift.cli import commands as cli
 
+pytestmark = pytest.mark.usefixtures("coarse_maps")  # that they are made is asked, not what they show
 SMALL = {"spill": ["--set", "spill.worlds=100", "--set", "duration=1 d"]}
 
 

@@ -45,6 +45,7 @@ current = { std = "0.1 m/s", time = "3 h" }
 """
 )
 HOURS = 6
+pytestmark = pytest.mark.usefixtures("coarse_maps")  # differences of maps are made on a grid of their own
 
 
 def case_of(folder: Path, text: str, name: str = "trial", **changes: object) -> drift.Case:

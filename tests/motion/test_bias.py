@@ -10,6 +10,8 @@ from scipy import stats
 import drift
 from geo import sphere
 
+pytestmark = pytest.mark.usefixtures("coarse_maps")  # no number is read off a map
+
 HOUR = 3600.0
 STD, TIME, BIAS = 0.31, 11 * HOUR, 0.08  # the defaults
 U, V = 0.2, -0.1  # [m/s]

@@ -114,9 +114,9 @@ def coast(polygons: Array, west: float, south: float, east: float, north: float)
 # Flows
 
 
-def plane(times: Array, values: Array, t: Array, row: Array, column: Array) -> Array:
-    """Return values (t, y, x) linear in time and bilinear between nodes; NaN off the nodes or the times."""
-    nt, ny, nx = values.shape
+def planes(times: Array, fields: tuple[Array, ...], t: Array, row: Array, column: Array) -> tuple[Array, ...]:
+    """Return values of fields (t, y, x) linear in time and bilinear between nodes; NaN off the nodes or the times."""
+    nt, ny, nx = fields[0].shape
     t = np.broadcast_to(t, row.shape)
     k = np.clip(np.searchsorted(times, t, side="right") - 1, 0, max(nt - 2, 0))
     after = np.where(nt > 1, (t - times[k]) / np.where(nt > 1, times[np.minimum(k + 1, nt - 1)] - times[k], 1), 0.0)
@@ -124,13 +124,16 @@ def plane(times: Array, values: Array, t: Array, row: Array, column: Array) -> A
     j, i = np.clip(row, 0, ny - 1.001), np.clip(column, 0, nx - 1.001)
     j, i = np.floor(np.nan_to_num(j)).astype(int), np.floor(np.nan_to_num(i)).astype(int)
     y, x = row - j, column - i
-    total = np.zeros(row.shape)
-    for step, share in ((0, 1 - after), (1, after)):
-        kk = np.minimum(k + step, nt - 1)
-        low = (1 - x) * values[kk, j, i] + x * values[kk, j, i + 1]
-        high = (1 - x) * values[kk, j + 1, i] + x * values[kk, j + 1, i + 1]
-        total += share * ((1 - y) * low + y * high)
-    return np.where(known, total, np.nan)
+    told = []
+    for values in fields:
+        total = np.zeros(row.shape)
+        for step, share in ((0, 1 - after), (1, after)):
+            kk = np.minimum(k + step, nt - 1)
+            low = (1 - x) * values[kk, j, i] + x * values[kk, j, i + 1]
+            high = (1 - x) * values[kk, j + 1, i] + x * values[kk, j + 1, i + 1]
+            total += share * ((1 - y) * low + y * high)
+        told.append(np.where(known, total, np.nan))
+    return tuple(told)
 
 
 def filled(values: Array, spacing: tuple[float, float]) -> Array:
@@ -153,7 +156,7 @@ def axes(times: Array, lon: Array, lat: Array, u: Array, v: Array) -> Field:
     def at(t: float | Array, x: Array, y: Array) -> tuple[Array, Array]:
         row = np.interp(y, lat, np.arange(lat.size), np.nan, np.nan)
         column = np.interp(x, lon, np.arange(lon.size), np.nan, np.nan)
-        return plane(times, u, t, row, column), plane(times, v, t, row, column)
+        return planes(times, (u, v), t, row, column)
 
     return at
 
@@ -169,7 +172,7 @@ def projected(times: Array, x: Array, y: Array, u: Array, v: Array, proj: str) -
         qx, qy = into(lon, lat + 1e-4)  # a step to the north: where north points on the plane
         length = np.hypot(qx - px, qy - py)
         s, c = (qx - px) / length, (qy - py) / length
-        a, b = (plane(times, one, t, (py - y[0]) / spacing[0], (px - x[0]) / spacing[1]) for one in (u, v))
+        a, b = planes(times, (u, v), t, (py - y[0]) / spacing[0], (px - x[0]) / spacing[1])
         return a * c - b * s, a * s + b * c
 
     return at

@@ -20,6 +20,8 @@ from drift.spill.fates import FOREVER
 from drift.spill.records import Team
 from geo.errors import UserError
 
+pytestmark = pytest.mark.usefixtures("coarse_maps")  # no number is read off a map
+
 START = np.datetime64("2026-11-21T00:00:00")
 RATE, LOSS = np.array([0.3, 0.05, 0.12]) / DAY, 0.07 / DAY
 LENGTH = np.array([9e3, 12e3, 7e3])

@@ -14,6 +14,8 @@ import pytest
 import drift
 from drift.case import file as case_file
 
+pytestmark = pytest.mark.usefixtures("coarse_maps")  # no number is read off a map
+
 N = 8_000
 CASE = """
 title = "onto the beach"

@@ -208,20 +208,18 @@ def test_a_cluster_without_workers(
             drift.run(case, tmp_path / "out", client=client, shards=9, report=report)
 
 
-def test_the_scheduler_is_lost_where_shards_meet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_scheduler_is_lost_where_shards_meet(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Between two stretches of a search nothing is under way."""
-    searched = runs.searched(tmp_path)
-    with cluster.connected(1, None) as client:
-        check = cluster.check
+    searched, check = runs.searched(tmp_path), cluster.check
 
-        def lost(client: Any, folder: Path | None = None) -> None:
-            if folder and list(folder.glob("shard-*-000.json")):
-                raise distributed.comm.CommClosedError("in <TCP>: Stream is closed")
-            check(client, folder)
+    def lost(client: Any, folder: Path | None = None) -> None:
+        if folder and list(folder.glob("shard-*-000.json")):
+            raise distributed.comm.CommClosedError("in <TCP>: Stream is closed")
+        check(client, folder)
 
-        monkeypatch.setattr(cluster, "check", lost)
-        with pytest.raises(drift.UserError, match=r"the cluster is lost .* kept there: the same command goes on"):
-            drift.run(searched, tmp_path / "out", client=client, shards=3)
+    monkeypatch.setattr(cluster, "check", lost)
+    with pytest.raises(drift.UserError, match=r"the cluster is lost .* kept there: the same command goes on"):
+        drift.run(searched, tmp_path / "out", client=client, shards=3)
 
 
 def test_the_schedulers_loss_is_one_line(case: drift.Case, made: drift.Result, tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from drift.shards import unit, work
 STEERED = """
 start = "2026-03-05T00:20Z"
 duration = "20 h"
-particles = 9000
+particles = 5000
 seed = 12
 output.every = "10 h"
 [clock]
@@ -41,7 +41,7 @@ constant = { speed = "0.9 kn", toward = 141 }
 [[scenario]]
 name = "yacht"
 object = "water"
-weight = 0.5
+weight = 0.84
 overdue = "+17 h"
 [[scenario.phase]]
 [scenario.phase.voyage]
@@ -53,12 +53,12 @@ cross_track = "3 nmi"
 between = ["+4 h", "+41 h"]
 [[scenario]]
 name = "tender"
-weight = 0.2
+weight = 0.06
 object = "water"
 position = { at = [179.6, 43.3], std = "9 nmi", time = "+0 h", until = "+6 h" }
 [[scenario]]
 name = "bridge"
-weight = 0.3
+weight = 0.1
 [[scenario.phase]]
 [scenario.phase.bridge]
 k = "5 nmi/sqrt(h)"
@@ -182,6 +182,20 @@ def unwritten(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(flow, "write", lambda *given, **more: None)
 
 
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> tuple[drift.Case, drift.Result]:
+    """Return the case that drifts, and its result in one piece."""
+    case = runs.searched(tmp_path_factory.mktemp("searched"))
+    return case, drift.run(case)
+
+
+@pytest.fixture(scope="module")
+def resampled(tmp_path_factory: pytest.TempPathFactory) -> tuple[drift.Case, drift.Result]:
+    """Return the case that steers, resampled within its scenarios, and its result in one piece."""
+    case = load(tmp_path_factory.mktemp("resampled"), STEERED.replace("below = 0\n", "below = 0.6\n"))
+    return case, drift.run(case)
+
+
 RESAMPLED = {
     "never": "",
     "kahn": 'below = 0.6\nmethod = "kahn"',
@@ -209,10 +223,9 @@ def test_what_steers_is_searched_as_in_one_piece(rule: str, tmp_path: Path) -> N
         np.testing.assert_allclose(stage.marginals[told_by].table[-1], update.posterior, atol=1e-9)
 
 
-def test_what_drifts_is_searched_as_in_one_piece(tmp_path: Path) -> None:
+def test_what_drifts_is_searched_as_in_one_piece(searched: tuple[drift.Case, drift.Result]) -> None:
     """On a coast that refloats, with debris and a sortie that drifts with its marker."""
-    case = runs.searched(tmp_path)
-    whole = drift.run(case)
+    case, whole = searched
     same(whole, drift.run(case, shards=9))
     anew = drift.vary(case, {"resampling": {"below": 0.9}})
     again = drift.run(anew)
@@ -232,10 +245,11 @@ class Killed(Exception):
 
 
 @pytest.mark.parametrize("after", [1, 8, 14])
-def test_a_search_that_was_killed_goes_on(after: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_that_was_killed_goes_on(
+    after: int, resampled: tuple[drift.Case, drift.Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Killed as its files come to stand, one more of them at a time: the same comes of it."""
-    case = load(tmp_path, STEERED.replace("below = 0\n", "below = 0.6\n"))
-    whole, out, put, stood = drift.run(case), tmp_path / "out", work.replace, []
+    (case, whole), out, put, stood = resampled, tmp_path / "out", work.replace, []
 
     def killed(path: Path, text: str) -> None:
         if path.name != work.ABOUT and len(stood) == after:
@@ -251,11 +265,13 @@ def test_a_search_that_was_killed_goes_on(after: int, tmp_path: Path, monkeypatc
 
 
 def test_a_stretch_whose_begin_is_gone_begins_anew(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    searched: tuple[drift.Case, drift.Result],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     """A stretch is altered after the state from which it went on has been taken away."""
-    case, out = runs.searched(tmp_path), tmp_path / "out"
-    whole = drift.run(case)
+    (case, whole), out = searched, tmp_path / "out"
     monkeypatch.setattr(work.Work, "drop", lambda self: None)
     monkeypatch.setattr(flow, "made", lambda *given: (_ for _ in ()).throw(Killed))
     with pytest.raises(Killed):

@@ -9,6 +9,8 @@ from spills import METRE, case_of, sampled
 import drift
 from drift.spill import renewal, washup
 
+pytestmark = pytest.mark.usefixtures("coarse_maps")  # no number is read off a map
+
 
 @pytest.fixture(scope="module")
 def straight(tmp_path_factory: pytest.TempPathFactory) -> drift.Result:
