@@ -9,6 +9,7 @@ import xarray as xr
 from drift.forecast import areas, likeliest
 from drift.forecast.likeliest import Shown
 from drift.forecast.survey import Survey
+from drift.output import temporary
 from drift.particles.snapshot import Means
 from drift.particles.status import Status
 from geo import sphere
@@ -156,14 +157,16 @@ class Maps:
     def __init__(self, times: int, grid: Cells, scenarios: int, shares: int) -> None:
         """Make room for the maps of so many times; scenarios: that are shown."""
         self.grid = grid
-        self.by_scenario = np.zeros((times, scenarios, *grid.shape), np.float32)
-        self.probability, self.ashore, self.contained = (np.zeros((times, *grid.shape), np.float32) for _ in range(3))
-        self.contained[:] = np.nan
+        shapes = [(times, scenarios, *grid.shape), *[(times, *grid.shape)] * 3]
+        self._cellwise = temporary.zeros(shapes, np.float32, "the maps of all output times")
+        self.by_scenario, self.probability, self.ashore, self.contained = self._cellwise
+        self._put = np.zeros(times, bool)
         self.off, self.per_kernel, self.height = (np.full(times, np.nan) for _ in range(3))
         self.areas, self.held_out = (np.full((times, shares), np.nan) for _ in range(2))
 
     def put(self, i: int, area: areas.Area) -> None:
         """Put in the map of a time."""
+        self._put[i] = True
         part, own = _coarsened(area, self.grid)
         where, there = _shared(own, self.grid)
         total = part.sum(axis=(0, 1))
@@ -175,9 +178,12 @@ class Maps:
         self.off[i] = 1 - total[there].sum() / total.sum()
         self.per_kernel[i], self.height[i] = area.per_kernel, area.cells.height
         self.areas[i], self.held_out[i] = area.areas, area.held_out
+        for values in self._cellwise:
+            temporary.let_go(values)
 
     def values(self) -> dict[str, Array]:
         """Return what is known of each cell at each time, and of each map."""
+        self.contained[~self._put] = np.nan
         return {
             "probability": self.probability,
             "probability_ashore": self.ashore,

@@ -6,7 +6,6 @@ Memory holds one time, or a part of it, however many there are.
 import contextlib
 import itertools
 import os
-import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -19,6 +18,7 @@ import numpy as np
 
 from drift.motion.period import Period
 from drift.motion.simulate import Moment
+from drift.output import temporary
 from drift.particles import members, partials
 from drift.particles.ensemble import Ensemble, Layout, Slots
 from drift.particles.partials import PART, Blocks
@@ -40,26 +40,10 @@ KINDS = {
 END = ("log_weight", "release", "status_since", "edge", "world")  # columns of an ensemble that are kept of its end
 
 
-def _check_room(need: int) -> None:
-    """Raise UserError where the temporary folder has less room than that [bytes]."""
-    try:
-        free = shutil.disk_usage(tempfile.gettempdir()).free
-    except OSError as error:
-        raise _refusal(error.strerror or str(error)) from error
-    if need > free:
-        raise _refusal(
-            f"the particles at all output times need {notation.size(need)}, and it has room for {notation.size(free)}"
-        )
-
-
 def _refusal(reason: str, folder: Path | None = None) -> UserError:
-    if folder is not None:
-        return UserError(f"{folder}: {reason}; make room, or name another folder with --out")
-    temporary = tempfile.tempdir or os.environ.get("TMPDIR", "")
-    return UserError(
-        f"temporary folder {temporary}: {reason}; make room, name another folder in the environment variable TMPDIR, or "
-        "ask for fewer particles or output times"
-    )
+    if folder is None:
+        return temporary.refusal(reason)
+    return UserError(f"{folder}: {reason}; make room, or name another folder with --out")
 
 
 class NoRoom(Exception):
@@ -247,7 +231,7 @@ class Spool(Sequence[Snapshot]):
         what else is known at the end of the run.
         """
         need = ensemble.n * BYTES * outputs
-        _check_room(need)
+        temporary.check_room(need, "the particles at all output times")
         try:
             file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by __exit__
         except OSError as error:

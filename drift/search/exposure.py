@@ -191,10 +191,6 @@ class SortieExposure:
             )
         return self.exposed
 
-    def seen_until(self, time: int) -> None:
-        """Take it that its columns count up to a time [s after start]."""
-        self._seen = max(self.begin, time)
-
     @property
     def _looks(self) -> bool:
         """Whether there is anything that it may see along its path."""

@@ -175,13 +175,9 @@ class Search:
         return list(dict.fromkeys(_group_of(flown.sortie) for flown in self._all))
 
     def resume(self, time: int) -> None:
-        """Go on from a time at which a step begins: what was over by then is past [s after start]."""
+        """Go on from a time at which a step begins: sorties that were over by then are past [s after start]."""
         self._waiting = [flown for flown in self._waiting if flown.end > time]
-        self._contacts = [contact for contact in self._contacts if contact[0] > time]
-        self._looks = [look for look in self._looks if look[0] > time]
         self._observers.over_by(time)
-        for flown in self._waiting:
-            flown.seen_until(time)
 
     def stops(self, after: int, until: int) -> list[int]:
         """Return the times in (after, until] at which something takes effect [s after start]."""

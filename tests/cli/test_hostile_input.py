@@ -16,6 +16,7 @@ import drift
 from drift.cli.commands import main
 from drift.motion import spool
 from drift.motion.period import Period
+from drift.output import temporary
 from geo.errors import UserError
 from geo.files import dataset
 from geo.forcing import describe, sources
@@ -192,7 +193,7 @@ def stored(outputs: int = 3, n: int = 1000) -> spool.Spool:
 
 def test_room_for_the_particles_is_known_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """3 times of 1,000 particles of two positions, a status and a weight: 39,000 bytes."""
-    monkeypatch.setattr(spool.shutil, "disk_usage", lambda folder: SimpleNamespace(free=38_999))
+    monkeypatch.setattr(temporary.shutil, "disk_usage", lambda folder: SimpleNamespace(free=38_999))
     with pytest.raises(UserError, match=r"temporary folder .*TMPDIR"):
         stored()
 

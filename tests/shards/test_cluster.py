@@ -146,8 +146,11 @@ def test_a_worker_that_comes_late_is_asked_too(client: Any, case: drift.Case) ->
             told.result()
 
 
-def test_a_worker_opens_a_file_that_has_changed_again(client: Any, tmp_path: Path) -> None:
-    """It is the same case to the letter, and the worker has it open."""
+def test_a_worker_opens_a_file_that_has_changed_again(
+    client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is the same case to the letter, and the worker has it open, as after a run that was killed."""
+    monkeypatch.setattr(cluster, "release", lambda client: None)
     (tmp_path / "case.toml").write_text(FEW_WATERS.replace("61.5", "59.2"))
     current = xr.load_dataset(writers.regular(tmp_path / "current.nc"))
     case = drift.load(tmp_path / "case.toml")
