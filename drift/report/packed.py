@@ -45,12 +45,20 @@ def axis(middles: Array, fold: int) -> dict[str, float]:
 
 def summed(values: Array, fold: int) -> Array:
     """Return the sums of fold x fold cells, (..., nlat, nlon); what hangs over the edge counts as 0."""
-    return _folded(values, fold, 0.0).sum(axis=(-3, -1)) if fold > 1 else values
+    if fold == 1:
+        return values
+    if values.ndim > 2:  # map by map, for all at once take twice their memory
+        return np.stack([summed(one, fold) for one in values])
+    return np.asarray(_folded(values, fold, 0.0).sum(axis=(-3, -1)))
 
 
 def least(values: Array, fold: int) -> Array:
     """Return the least of fold x fold cells, (..., nlat, nlon), NaN aside."""
-    return np.fmin.reduce(np.fmin.reduce(_folded(values, fold, np.nan), axis=-1), axis=-2) if fold > 1 else values
+    if fold == 1:
+        return values
+    if values.ndim > 2:
+        return np.stack([least(one, fold) for one in values])
+    return np.asarray(np.fmin.reduce(np.fmin.reduce(_folded(values, fold, np.nan), axis=-1), axis=-2))
 
 
 def _folded(values: Array, fold: int, beyond: float) -> Array:
