@@ -18,6 +18,7 @@ from drift.posterior.records import Posteriors
 from drift.search import meeting
 from drift.search.account import Noted
 from drift.search.meeting import Redrawing
+from drift.search.records import Look
 from drift.search.standing import Standing
 from drift.search.updates import Updates
 from drift.shards import cluster, shelf, stretch
@@ -171,7 +172,7 @@ def _span(job: Job, run: Divided, unit: Unit) -> tuple[float, float]:
     ]
     if case.resampling.below > 0:
         asked += [contact.time for contact in case.contacts] + [sortie.end for sortie in case.sorties]
-        asked += [getattr(what, "end", getattr(what, "time", case.end)) for what in case.sensors.telling]
+        asked += [what.time if isinstance(what, Look) else what.end for what in case.sensors.telling]
     stops = [time for time in map(case.period.elapsed, asked) if time > begun]
     return begun / duration, min([*stops, duration]) / duration
 
