@@ -24,7 +24,6 @@ from pathlib import Path
 begin = time.perf_counter()
 import drift
 from drift import flow
-from drift.forecast import map
 imported = time.perf_counter() - begin
 result = drift.run(drift.load(sys.argv[1]), Path(sys.argv[2]))
 phases = {"import": imported, **result.summary["wall_time_s"]}

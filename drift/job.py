@@ -18,7 +18,7 @@ from drift import start
 from drift.case.record import Case
 from drift.environment.environment import Environment
 from drift.forecast import chapter as forecast_chapter
-from drift.output import ahead, writer
+from drift.output import writer
 from geo.errors import UserError
 from geo.files import digest
 from kernels import runtime
@@ -91,10 +91,6 @@ def opened(case: Case, options: Options = Options()) -> Job:
     tell("read", 0.0)
     with clock.phase("read"):
         where = start.open_for(case, options.datasets)
-    if folder is not None:
-        ahead.begin(
-            "drift.forecast.map", "drift.forecast.stories_map", "dask.array"
-        )  # the last by xarray, of any dataset
     return Job(case, where, clock, tell, folder, options.overwrite, options.memory, options.shards, options.client)
 
 

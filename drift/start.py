@@ -36,6 +36,7 @@ from drift.search.updates import Update
 from drift.spill import release, renewal
 from drift.spill import worlds as drawn_worlds
 from drift.spill.worlds import Proposal, Worlds
+from geo import notation
 from geo.coast import edges as shoreline
 from geo.coast.segments import Segments
 from geo.coast.shore import Shore
@@ -44,7 +45,8 @@ from kernels import advance, memory, noise
 from kernels import coast as device_coast
 from kernels.noise import Purpose
 
-BYTES_PER_PARTICLE = 250  # at the peak of a run in one piece: 96 on the device, the rest on the host
+BYTES_PER_PARTICLE = 250  # at the peak of a run in one piece of what drifts: 96 on the device, the rest on the host
+SEARCHED, SORTIE, STEERING, DEBRIS = 250, 12, 200, 150  # [bytes] more; of each sortie and kind of debris
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,12 +137,20 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     return Start(**vars(setup), ensemble=ensemble, worlds=drawn_first)
 
 
+def more(case: Case) -> int:
+    """Return how many bytes a particle takes besides what it takes to drift: of a search, of what steers, of debris."""
+    debris = len({contact.drifter for contact in case.contacts} - {None})
+    steers = any(scenario.itinerary for scenario in case.scenarios)
+    searched = SEARCHED + SORTIE * len(case.sorties) if is_searched(case) else 0
+    return searched + STEERING * steers + DEBRIS * debris
+
+
 def _check_memory(case: Case) -> None:
-    need, free = case.particles * BYTES_PER_PARTICLE, memory.free()
+    need, free = case.particles * (BYTES_PER_PARTICLE + more(case)), memory.free()
     if need > free:
         raise UserError(
-            f"{case.path.name}: {case.particles:,} particles in one piece take {need / 2**30:.1f} GiB, and {free / 2**30:.1f} "
-            "GiB of memory are free; take fewer, or leave out --shards, and they are moved in shards that fit"
+            f"{case.path.name}: {case.particles:,} particles in one piece take {notation.size(need)}, and {notation.size(free)} "
+            "of memory are free; take fewer, or leave it to drift run to move them in shards that fit"
         )
 
 

@@ -6,8 +6,8 @@ from importlib import metadata
 
 __version__ = metadata.version("casp-drift")
 MAKERS = (  # of results: who reads files, moves, sums and outlines
-    "casp-drift", "taichi", "numpy", "scipy", "shapely", "contourpy", "pyproj", "xarray", "netCDF4", "zarr", "eccodes",
-    "roaring-landmask",
+    "casp-drift", "taichi", "numpy", "scipy", "shapely", "contourpy", "pyproj", "pyogrio", "xarray", "netCDF4", "cftime",
+    "zarr", "eccodes", "roaring-landmask",
 )  # fmt: skip
 
 

@@ -12,11 +12,12 @@ except ImportError:  # Windows knows no such limits
 
 MEMINFO, STATUS = Path("/proc/meminfo"), Path("/proc/self/status")
 MEMBERSHIP, CGROUPS = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
-VERSIONS = (  # of Linux control groups: where the memory's lie, and the files of their limit, their use, and its cached part
-    (CGROUPS, "memory.max", "memory.current", "inactive_file"),
-    (CGROUPS / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+VERSIONS = (  # of Linux control groups: where the memory's lie, the files of their limit and their use, what it is told of first
+    (CGROUPS, "memory.max", "memory.current", ""),
+    (CGROUPS / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_"),
 )
-UNKNOWN = 4 * 2**30  # [bytes] where nobody says
+CACHED = ("inactive_file", "active_file")  # of files: it goes when memory is wanted
+UNKNOWN = 16 * 2**30  # [bytes] where nobody says
 
 
 def free() -> int:
@@ -54,7 +55,7 @@ def _granted() -> Iterator[int]:
     for _, kinds, path in rows:
         if kinds and "memory" not in kinds.split(","):
             continue
-        top, limit, use, cached = VERSIONS[bool(kinds)]
+        top, limit, use, told_as = VERSIONS[bool(kinds)]
         own = top / path.lstrip("/")
         for group in [own, *own.parents]:
             if group == top.parent:
@@ -62,6 +63,6 @@ def _granted() -> Iterator[int]:
             try:
                 most, used = (int((group / name).read_text()) for name in (limit, use))
                 stat = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
-                yield most - used + int(stat.get(cached, 0))  # what is cached of files goes when memory is wanted
+                yield most - used + sum(int(stat.get(told_as + name, 0)) for name in CACHED)
             except (OSError, ValueError):  # it is not seen from here, or has no limit ("max")
                 continue

@@ -166,7 +166,7 @@ def _begun(
 
 
 def _in_turn(pool: ThreadPoolExecutor, function: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
-    """Yield what a function makes of some items, in their order; no more of these are asked for than are worked on."""
+    """Yield what a function makes of some items, in their order; one of these at most is asked for before its turn."""
     waiting: deque[Future[R]] = deque()
     for item in items:
         waiting.append(pool.submit(function, item))

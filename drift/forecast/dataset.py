@@ -158,7 +158,7 @@ class Maps:
         """Make room for the maps of so many times; scenarios: that are shown."""
         self.grid = grid
         shapes = [(times, scenarios, *grid.shape), *[(times, *grid.shape)] * 3]
-        self._cellwise = temporary.zeros(shapes, np.float32, "the maps of all output times")
+        self._cellwise = temporary.zeros(shapes, np.float32)
         self.by_scenario, self.probability, self.ashore, self.contained = self._cellwise
         self._put = np.zeros(times, bool)
         self.off, self.per_kernel, self.height = (np.full(times, np.nan) for _ in range(3))

@@ -36,26 +36,22 @@ def refusal(reason: str) -> UserError:
     )
 
 
-def zeros(shapes: Sequence[tuple[int, ...]], kind: npt.DTypeLike, what: str) -> list[Array]:
-    """Return arrays of zeros: on disk, where they are large together; what: lies in them, in words.
-
-    Raises UserError where there is no room for that.
-    """
+def zeros(shapes: Sequence[tuple[int, ...]], kind: npt.DTypeLike) -> list[Array]:
+    """Return arrays of zeros: on disk, where they are large together and there is room for them, else in memory."""
     sizes = [math.prod(shape) * np.dtype(kind).itemsize for shape in shapes]
-    if sum(sizes) < LARGE:
-        return [np.zeros(shape, kind) for shape in shapes]
-    check_room(sum(sizes), what)
-    return [_on_disk(shape, kind, size) for shape, size in zip(shapes, sizes, strict=True)]
+    if sum(sizes) >= LARGE and hasattr(os, "posix_fallocate"):  # without it a disk that fills up ends the process
+        try:
+            if sum(sizes) < shutil.disk_usage(tempfile.gettempdir()).free:
+                return [_on_disk(shape, kind, size) for shape, size in zip(shapes, sizes, strict=True)]
+        except OSError:
+            pass
+    return [np.zeros(shape, kind) for shape in shapes]
 
 
 def _on_disk(shape: tuple[int, ...], kind: npt.DTypeLike, size: int) -> Array:
     with tempfile.TemporaryFile(prefix="drift-") as file:
-        try:
-            if hasattr(os, "posix_fallocate"):  # a disk that fills up later would end the process
-                os.posix_fallocate(file.fileno(), 0, size)
-            return np.memmap(file, kind, "r+" if hasattr(os, "posix_fallocate") else "w+", shape=shape)
-        except OSError as error:
-            raise refusal(error.strerror or str(error)) from error
+        os.posix_fallocate(file.fileno(), 0, size)
+        return np.memmap(file, kind, "r+", shape=shape)
 
 
 def let_go(values: Array) -> None:

@@ -13,7 +13,7 @@ from drift.motion.clock import Clock
 from drift.motion.spool import BYTES
 from drift.particles import ensemble as record
 from drift.particles.status import Status
-from drift.shards import divide
+from drift.shards import divide, shelf
 from drift.start import BYTES_PER_PARTICLE, Start
 from geo import notation
 from geo.forcing import stream
@@ -49,7 +49,7 @@ def work(case: Case, step: int, nodes: int = 0) -> str:
     text += f"; {case.outputs.size:,} output times"
     kept, many = case.outputs.size * case.particles * BYTES / 2**30, divide.number(case, None, None)
     if many > 1:
-        text += f", in {many:,} shards, {kept:,.0f} GiB beside the results"
+        text += f", in {many:,} shards, {notation.size(shelf.need(case, case.particles))} beside the results"
     elif kept >= 1:
         text += f", {kept:,.0f} GiB in the temporary folder"
     held = -(-case.particles // many) * BYTES_PER_PARTICLE + nodes * BYTES_PER_NODE

@@ -48,7 +48,9 @@ def connected(workers: int | None, address: str | None) -> Iterator[Any]:
         if workers is not None:
             local = distributed.LocalCluster(
                 n_workers=workers,
-                local_directory=stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)),
+                local_directory=stack.enter_context(
+                    tempfile.TemporaryDirectory(prefix="drift-", ignore_cleanup_errors=True)
+                ),
                 threads_per_worker=1,
                 memory_limit=0,
                 dashboard_address="127.0.0.1:0",
@@ -83,21 +85,25 @@ def workers_of(client: Any) -> Workers:
             raise UserError(f"the client is {status}; give one that is open")
         if not client.nthreads():
             LOG.warning("the cluster has no workers yet; the first is waited for")
-        while True:
+        until = time.monotonic() + WAIT
+        told: dict[str, tuple[str, float, float]] = {}
+        while not told:  # the only one may be lost while it is asked
+            if time.monotonic() > until:
+                raise UserError(f"the cluster's workers are lost one after another (waited {WAIT / 60:g} min)")
             _first(client, "the cluster has no workers; start some")
-            if told := _asked(client, worker.room):  # else the only one was lost meanwhile
-                break
-    machines = Counter(machine for machine, _, _ in told.values()) + Counter([worker.machine()])
-    free = min(min(free / machines[machine], limit) for machine, free, limit in told.values())
-    return Workers(len(told), max(machines[machine] for machine, _, _ in told.values()), free)
+            told = _asked(client, worker.room)
+    hosts = Counter(host for host, _, _ in told.values()) + Counter([worker.host()])
+    together = max(hosts[host] for host, _, _ in told.values())
+    free = min(free / hosts[host] for host, free, _ in told.values())
+    return Workers(len(told), together, free, min(limit for _, _, limit in told.values()))
 
 
 def _asked(client: Any, function: Callable[..., Any], *given: Any) -> dict[str, Any]:
     """Return what all workers answer, by address, but those that are lost meanwhile."""
-    told = {}
+    told, lost = {}, (_dask().comm.CommClosedError, ConnectionError, TimeoutError)
     for address, answer in client.run(function, *given, on_error="return").items():
-        if isinstance(answer, OSError):  # nobody answers there: what it had to do others do
-            continue
+        if isinstance(answer, lost) or (type(answer) is OSError and answer.errno is None):
+            continue  # nobody answers there: what it had to do others do
         if isinstance(answer, Exception):
             raise UserError(f"worker {address}: {_line(answer)}; install the same versions everywhere") from answer
         told[address] = answer

@@ -34,7 +34,6 @@ from kernels.coast import DeviceCoast
 GIB = 2**30
 BASE = 700 * 2**20  # [bytes] that a run takes however few its particles are: the program, the forcing, the coast, maps
 HELD = 200  # [bytes] a particle of the shard under way is given, while it is drawn and moved: about 130 were seen
-SEARCHED, STEERING = 100, 200  # [bytes] more, where there is a search, and where anything steers
 WEIGHED = 6_000  # [bytes] a world of a spill while finds weigh it
 TOLD = 150  # [bytes] more for each output: 8,600 in all were seen at 21
 LEAST = 2**16  # particles in a shard, if memory is scarce
@@ -57,7 +56,8 @@ class Workers:
 
     count: int
     together: int  # processes of the run on one machine at most, this one among them
-    free: float  # [bytes] of memory that the one with the least may still take
+    free: float  # [bytes] of memory that is left on its machine to the one with the least
+    limit: float = math.inf  # [bytes] that dask lets the one with the least take
 
 
 def number(case: Case, memory: float | None, shards: int | None, workers: Workers | None = None) -> int:
@@ -71,7 +71,7 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
     if memory is not None and not (isinstance(memory, int | float) and least <= memory < math.inf):
         who = f"{at_once} processes on one machine take" if workers else "a run takes"
         raise UserError(
-            f"--memory {memory} (GiB): {who} {least:.2g} GiB at least; give as much{', or fewer workers' * bool(workers)} (in "
+            f"--memory {memory} (GiB): {who} {_up(least)} GiB at least; give as much{', or fewer workers' * bool(workers)} (in "
             "Python it is a number of GiB)"
         )
     if shards is not None and not isinstance(shards, int):
@@ -80,7 +80,7 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
     weighed = (BASE + (WEIGHED + TOLD * case.outputs.size) * spill.worlds) / GIB if spill else 0.0
     if spill and memory is not None and memory < weighed:
         raise UserError(
-            f"--memory {memory:g} (GiB): to weigh a spill's {spill.worlds:,} worlds takes {weighed:.2g} GiB; give as much, or "
+            f"--memory {memory:g} (GiB): to weigh a spill's {spill.worlds:,} worlds takes {_up(weighed)} GiB; give as much, or "
             "fewer worlds"
         )
     most = -(-spill.worlds // WORLDS) if spill else prior.layout(start.ensemble_spec(case)).blocks.first.size
@@ -88,19 +88,28 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
         if not 1 <= shards <= most:
             what = "of worlds" if spill else "of particles"
             raise UserError(f"--shards {shards}: {case.path.name} has {most:,} blocks {what}; give 1 to {most:,}")
+        each = (BASE + math.ceil(case.particles / shards) * held(case)) * at_once / GIB
+        if memory is not None and each > memory:
+            raise UserError(
+                f"--shards {shards}: so large they take {_up(each)} GiB, and --memory is {memory:g} (GiB); give one of them"
+            )
         return shards
-    free = workers.free if workers else machine_memory.free()
-    room = free / 2 if memory is None else memory * GIB / at_once
+    if memory is not None:
+        room = min(memory * GIB / at_once, workers.limit if workers else math.inf)
+    else:
+        room = min(workers.free, workers.limit) / 2 if workers else machine_memory.free() / 2
     size = min(max(int((room - BASE) / held(case)), LEAST), LOSS)
     return min(max(math.ceil(case.particles / size), PER_WORKER * (workers.count if workers else 0), 1), most)
 
 
+def _up(size: float) -> str:
+    """Return a size rounded up to a tenth: what is asked for suffices."""
+    return f"{math.ceil(10 * size) / 10:g}"
+
+
 def held(case: Case) -> int:
     """Return how many bytes a particle of the shard under way is given."""
-    debris = len({contact.drifter for contact in case.contacts} - {None})
-    steers = any(scenario.itinerary for scenario in case.scenarios)
-    searched = SEARCHED + 8 * len(case.sorties) if start.is_searched(case) else 0
-    return HELD + searched + STEERING * steers + 100 * debris
+    return HELD + start.more(case)
 
 
 Begun = tuple[Array, Lacking]  # how a shard's places were drawn (drift.motion.prior.Prior), and what lacks forcing

@@ -5,6 +5,7 @@ has changed, nothing of it is used.
 """
 
 import contextlib
+import hashlib
 import json
 import os
 import shutil
@@ -46,6 +47,8 @@ def opened(out: Path | None, fingerprint: Mapping[str, str], need: int, slices: 
             folder = of(out)
             work = Work(folder, run_of(fingerprint))
             try:
+                if _place(out).is_symlink() and not folder.parent.is_dir():
+                    raise UserError(f"{_place(out)}: the folder to which this link leads is not there; mend the link")
                 folder.mkdir(parents=True, exist_ok=True)
                 stack.callback(_removed_if_empty, folder)
                 if not stack.enter_context(hidden.alone(folder, 0.0)):
@@ -101,15 +104,22 @@ def clear(out: Path, fingerprint: Mapping[str, str] | None = None) -> None:
     folder = of(out)
     if unfinished(out) and (fingerprint is None or begun(out, fingerprint) is not None):
         with hidden.alone(folder, 0.0) as free:
-            if free and folder.is_symlink():  # somebody's own, to a disk with more room: it stays
-                for path in folder.iterdir():
-                    path.unlink() if path.is_file() else shutil.rmtree(path, ignore_errors=True)
-            elif free:
+            if free:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
 def of(out: Path) -> Path:
-    """Return the folder beside that of the results; in it, where nothing can be made beside it, as beside a mount."""
+    """Return the folder beside that of the results; where a link of that name leads, one of these results' own."""
+    place = _place(out)
+    if not place.is_symlink():
+        return place
+    real = os.path.realpath(out)
+    whose = hashlib.blake2b(os.fsencode(real), digest_size=6).hexdigest()
+    return Path(os.path.realpath(place)) / f"{os.path.basename(real)}-{whose}{hidden.UNFINISHED}"
+
+
+def _place(out: Path) -> Path:
+    """Return where the folder lies: beside the results, or in them where nothing can be made there, as beside a mount."""
     real = Path(os.path.realpath(out))
     inside = real.is_dir() and (os.path.ismount(real) or not os.access(real.parent, os.W_OK | os.X_OK))
     return real / hidden.UNFINISHED if inside else real.parent / f".{real.name}{hidden.UNFINISHED}"

@@ -24,19 +24,19 @@ from kernels import memory, runtime
 _open: dict[str, tuple[Environment, Scene]] = {}  # the run that was opened last, by its digest
 
 
-def machine() -> str:
+def host() -> str:
     """Return which machine this is."""
     return socket.gethostname()
 
 
 def process() -> str:
     """Return which machine and process this is."""
-    return f"{machine()} {os.getpid()}"
+    return f"{host()} {os.getpid()}"
 
 
 def room(dask_worker: Any) -> tuple[str, float, float]:
     """Return which machine this is, what memory it has left, and what dask lets the worker take, which it gives [bytes]."""
-    return machine(), float(memory.free()), float(dask_worker.memory_manager.memory_limit or math.inf)
+    return host(), float(memory.free()), float(dask_worker.memory_manager.memory_limit or math.inf)
 
 
 def about(folder: str = "") -> dict[str, str]:

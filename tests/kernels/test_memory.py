@@ -12,7 +12,7 @@ MB = 10**6
 @pytest.fixture
 def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The root of control groups on a machine with 1,000 MB left."""
-    (tmp_path / "meminfo").write_text("MemTotal: 9000000 kB\nMemAvailable:     976562.5 kB\n".replace(".5", ""))
+    (tmp_path / "meminfo").write_text("MemTotal: 9000000 kB\nMemAvailable:     976562 kB\n")
     (tmp_path / "cgroup").write_text("0::/\n")
     (tmp_path / "groups").mkdir()
     monkeypatch.setattr(memory, "MEMINFO", tmp_path / "meminfo")
@@ -44,9 +44,9 @@ def test_a_container_of_version_2(machine: Path) -> None:
         machine,
         memory__max=700 * MB,
         memory__current=250 * MB,
-        memory__stat=f"anon 1\ninactive_file {30 * MB}\nactive_file 7",
+        memory__stat=f"anon 1\ninactive_file {30 * MB}\nactive_file {7 * MB}",
     )
-    assert memory.free() == (700 - 250 + 30) * MB
+    assert memory.free() == (700 - 250 + 30 + 7) * MB
     write(machine, memory__max="max")
     assert memory.free() == 976_562 * 1024
 

@@ -281,6 +281,21 @@ def test_a_worker_that_dies_while_all_are_asked_is_no_fault(client: Any) -> None
         assert cluster.workers_of(client).count in (1, 2)
 
 
+def test_a_worker_that_cannot_answer_is_refused(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """That is another matter than one that is gone: it would be given shards."""
+
+    def refuses(*given: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    client.wait_for_workers(1, timeout=60)
+    monkeypatch.setattr(worker, "about", refuses)
+    with pytest.raises(drift.UserError, match=r"worker tcp.*: .*Permission denied.*; install the same versions"):
+        cluster.check(client)
+    monkeypatch.setattr(worker, "room", refuses)
+    with pytest.raises(drift.UserError, match=r"worker tcp.*: .*Permission denied"):
+        cluster.workers_of(client)
+
+
 def test_workers_say_how_much_memory_they_have(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two on this machine, and the process that was started."""
     client.wait_for_workers(2, timeout=60)
@@ -293,8 +308,8 @@ def test_workers_say_how_much_memory_they_have(client: Any, monkeypatch: pytest.
         ) as local,
         distributed.Client(local, set_as_default=False) as other,
     ):
-        assert cluster.workers_of(other).free == 1e9  # what dask lets it take
-        monkeypatch.setattr(worker, "machine", lambda: "elsewhere")
+        assert cluster.workers_of(other).limit == 1e9  # what dask lets it take
+        monkeypatch.setattr(worker, "host", lambda: "elsewhere")
         assert cluster.workers_of(other).together == 1
 
 

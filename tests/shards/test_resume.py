@@ -401,6 +401,12 @@ def test_the_memory_of_workers_chooses_the_shards(case: drift.Case) -> None:
         drift.UserError, match=r"2\.0 \(GiB\): 3 processes on one machine take 2\.1 GiB at least; .* fewer workers"
     ):
         divide.number(many, 2.0, None, two)
+    limited = divide.Workers(2, 3, 8 * gib, 0.8 * gib)  # dask lets each take no more
+    room = 0.8 * gib - divide.BASE
+    assert divide.number(many, 1e6, None, limited) == -(-100_000_000 // int(room / divide.HELD))
+    with pytest.raises(drift.UserError, match=r"--shards 4: so large they take 5\.4 GiB, and --memory is 1 \(GiB\)"):
+        divide.number(many, 1, 4)
+    assert divide.number(many, 1, 400) == 400
 
 
 def test_one_piece_that_does_not_fit_is_one_line(case: drift.Case, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -430,12 +436,26 @@ def test_a_folder_beside_which_nothing_can_be_made(
 
 
 @pytest.mark.usefixtures("unwritten")
-def test_a_link_to_a_disk_with_more_room_stays(case: drift.Case, made: drift.Result, tmp_path: Path) -> None:
-    (tmp_path / "roomy").mkdir()
-    unfinished(tmp_path / "out").symlink_to(tmp_path / "roomy")
-    runs.same(drift.run(case, tmp_path / "out", shards=4), made)
-    assert unfinished(tmp_path / "out").is_symlink()
-    assert list((tmp_path / "roomy").iterdir()) == []
+def test_a_link_to_a_disk_with_more_room(case: drift.Case, made: drift.Result, tmp_path: Path) -> None:
+    """Many results may share it, and its owner's files stay, whatever they are called."""
+    roomy = tmp_path / "roomy"
+    for path in ("forcing/norkyst.nc", "state-of-play.txt", "shard-00000-000.bin"):
+        (roomy / path).parent.mkdir(parents=True, exist_ok=True)
+        (roomy / path).write_text("mine")
+    for name in ("one", "other"):
+        unfinished(tmp_path / name).symlink_to(roomy)
+    with pytest.raises(Stopped):
+        drift.run(case, tmp_path / "one", shards=4, report=stopping(0.6))
+    kept = sorted(path.name for path in roomy.glob("one-*/shard-*"))
+    assert len(kept) == 4
+    runs.same(drift.run(case, tmp_path / "other", shards=4), made)
+    assert sorted(path.name for path in roomy.glob("one-*/shard-*")) == kept
+    runs.same(drift.run(case, tmp_path / "one", shards=4), made)
+    assert sorted(path.name for path in roomy.iterdir()) == ["forcing", "shard-00000-000.bin", "state-of-play.txt"]
+    assert [path.read_text() for path in roomy.rglob("*") if path.is_file()] == ["mine"] * 3
+    unfinished(tmp_path / "third").symlink_to(tmp_path / "no disk")
+    with pytest.raises(drift.UserError, match=r"\.third\.unfinished: the folder to which this link leads is not there"):
+        drift.run(case, tmp_path / "third", shards=4)
 
 
 @pytest.mark.usefixtures("unwritten")
