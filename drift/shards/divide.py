@@ -68,11 +68,12 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
     """
     at_once = workers.together if workers else 1
     least = at_once * (BASE + HELD * LEAST) / GIB
-    if memory is not None and not (isinstance(memory, int | float) and least <= memory < math.inf):
+    if memory is not None and not isinstance(memory, int | float):
+        raise UserError(f"memory = {memory!r}: give a number of GiB")
+    if memory is not None and not least <= memory < math.inf:
         who = f"{at_once} processes on one machine take" if workers else "a run takes"
         raise UserError(
-            f"--memory {memory} (GiB): {who} {_up(least)} GiB at least; give as much{', or fewer workers' * bool(workers)} (in "
-            "Python it is a number of GiB)"
+            f"--memory {memory:.3g} (GiB): {who} {_up(least)} GiB at least; give as much{', or fewer workers' * bool(workers)}"
         )
     if shards is not None and not isinstance(shards, int):
         raise UserError(f"--shards {shards}: give a whole number")
@@ -80,7 +81,7 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
     weighed = (BASE + (WEIGHED + TOLD * case.outputs.size) * spill.worlds) / GIB if spill else 0.0
     if spill and memory is not None and memory < weighed:
         raise UserError(
-            f"--memory {memory:g} (GiB): to weigh a spill's {spill.worlds:,} worlds takes {_up(weighed)} GiB; give as much, or "
+            f"--memory {memory:.3g} (GiB): to weigh a spill's {spill.worlds:,} worlds takes {_up(weighed)} GiB; give as much, or "
             "fewer worlds"
         )
     most = -(-spill.worlds // WORLDS) if spill else prior.layout(start.ensemble_spec(case)).blocks.first.size
@@ -91,7 +92,7 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
         each = (BASE + math.ceil(case.particles / shards) * held(case)) * at_once / GIB
         if memory is not None and each > memory:
             raise UserError(
-                f"--shards {shards}: so large they take {_up(each)} GiB, and --memory is {memory:g} (GiB); give one of them"
+                f"--shards {shards}: so large they take {_up(each)} GiB, and --memory is {memory:.3g} (GiB); give one of them"
             )
         return shards
     if memory is not None:
