@@ -129,11 +129,11 @@ def ashore(forecast: Forecast, run: str) -> str:
     effective_particles: how many of those ashore count, in all cells together.
     """
     data = forecast.data
-    every = data["probability_ashore"].values.astype(np.float64)
-    last = every[-1].ravel()
+    every = data["probability_ashore"].values
+    last = every[-1].ravel().astype(np.float64)
     cells = np.flatnonzero(last > 0)
     cells = cells[np.argsort(-last[cells], kind="stable")]
-    half = np.argmax(every.reshape(len(every), -1)[:, cells] >= 0.5 * last[cells], axis=0)
+    half = np.argmax(every.reshape(len(every), -1)[:, cells].astype(np.float64) >= 0.5 * last[cells], axis=0)
     row, column = np.unravel_index(cells, every.shape[1:])
     lon, lat = sphere.wrap_degrees(data["lon"].values)[column], data["lat"].values[row]
     times = [notation.iso(time) for time in data["time"].values]
