@@ -144,7 +144,7 @@ def moved(
     told = lambda: f"{kept.folder}: {kept.kept}"  # noqa: E731
     with _answered(told):
         check(client, kept.folder)
-        folder, given = str(kept.folder.absolute()), client.scatter(dict(mark), broadcast=True, hash=False)
+        folder, given = str(kept.folder.absolute()), dict(mark)  # with each: what is scattered goes with its worker
         tasks = [client.submit(worker.move, folder, given, unit, pure=False, retries=0) for unit in units]
         for done, task in enumerate(_each(client, tasks, told), 1):
             kept.sound.add(task.result())  # the worker has just taken its digest
