@@ -123,6 +123,20 @@ def test_a_worker_that_is_killed_costs_its_shards_only(
     assert killed
 
 
+def test_a_run_after_one_that_was_stopped_is_its_own(case: drift.Case, client: Any, tmp_path: Path) -> None:
+    """On the same workers, while somebody still holds what was raised."""
+
+    def report(phase: str, share: float) -> None:
+        if phase == "drift" and share > 0.3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as held:
+        drift.run(case, tmp_path / "one", client=client, shards=9, report=report)
+    other = drift.vary(case, {"seed": 5})
+    runs.same(drift.run(other, tmp_path / "two", client=client, shards=3), drift.run(other))
+    assert held.tb
+
+
 def test_workers_of_another_kind_are_refused(
     case: drift.Case, client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
