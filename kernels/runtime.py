@@ -11,7 +11,6 @@ import os
 import threading
 import weakref
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import taichi as ti
@@ -22,12 +21,12 @@ from taichi.lang.enums import Layout
 from geo import waiting
 from geo.errors import UserError
 from kernels import reading
+from kernels.memory import CGROUPS
 
 BACKENDS = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
 
 _started: dict[str, object] = {}
 _use = threading.RLock()  # held by the thread that uses Taichi
-CGROUPS = Path("/sys/fs/cgroup")
 
 
 @contextlib.contextmanager

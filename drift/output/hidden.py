@@ -23,7 +23,7 @@ except ImportError:  # Windows: the owner is known by name alone
 
 PREFIX = ".drift-partial-"
 UNFINISHED = (
-    ".unfinished"  # what a run keeps of its work: how such a folder's name ends, and what it is in the results' own
+    ".unfinished"  # how the name of a folder ends in which a run keeps its work; in that of the results its name
 )
 LOCK = "lock"
 STALE = 86_400  # [s]; a folder whose owner cannot be asked counts as abandoned after so long without a change

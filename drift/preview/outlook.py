@@ -14,7 +14,7 @@ from drift.motion.spool import BYTES
 from drift.particles import ensemble as record
 from drift.particles.status import Status
 from drift.shards import divide, shelf
-from drift.start import BYTES_PER_PARTICLE, Start
+from drift.start import Start
 from geo import notation
 from geo.forcing import stream
 from geo.forcing.sources import Source
@@ -52,7 +52,7 @@ def work(case: Case, step: int, nodes: int = 0) -> str:
         text += f", in {many:,} shards, {notation.size(shelf.need(case, case.particles))} beside the results"
     elif kept >= 1:
         text += f", {kept:,.0f} GiB in the temporary folder"
-    held = -(-case.particles // many) * BYTES_PER_PARTICLE + nodes * BYTES_PER_NODE
+    held = -(-case.particles // many) * (start.BYTES_PER_PARTICLE + start.more_bytes(case)) + nodes * BYTES_PER_NODE
     return f"{text}; {max(held / 2**30, 0.1):.1f} GiB of memory"
 
 

@@ -110,7 +110,7 @@ def _up(size: float) -> str:
 
 def held(case: Case) -> int:
     """Return how many bytes a particle of the shard under way is given."""
-    return HELD + start.more(case)
+    return HELD + start.more_bytes(case)
 
 
 Begun = tuple[Array, Lacking]  # how a shard's places were drawn (drift.motion.prior.Prior), and what lacks forcing
