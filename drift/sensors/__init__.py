@@ -1,0 +1,1 @@
+"""What a sensor hears or sees where: the sonar equation, its tables, and POD by place."""

@@ -1,0 +1,96 @@
+"""Records of sensors that know the water: what the sonar equation needs, and POD by place.
+
+All is SI, radians, UTC and decibels. Bearings are clockwise, ascending in [0, 2 pi), and go on round the circle; between
+the entries of a table its values are straight.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo.array import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Losses:
+    """Transmission loss by bearing and range, round one place or several."""
+
+    bearing: Array  # float64 (b,) true [rad]; one: the same all round
+    range: Array  # float64 (r,) [m], ascending; nearer than the first it is that of the first, beyond the last nothing is heard
+    loss: NDArray[np.float32]  # [dB] (p, b, r), of each place
+    lon: Array  # float64 (p,) [rad] of the places; (0,): the same everywhere, with p = 1
+    lat: Array
+    name: str = ""  # for messages: the file, or how it was reckoned
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Ambient noise by direction and time."""
+
+    bearing: Array  # float64 (b,) true [rad]; one: the same all round
+    level: NDArray[np.float32]  # [dB re 1 uPa^2/Hz, or in a band] (t, b)
+    times: NDArray[np.datetime64]  # (t,) ascending; (0,): at all times the same, with t = 1. Before the first it is that of the first
+
+
+@dataclass(frozen=True, eq=False)
+class Gain:
+    """Array gain by bearing relative to the array's heading, of each of its beams."""
+
+    bearing: Array  # float64 (b,) relative to the heading [rad]; one: the same all round
+    beams: NDArray[np.float32]  # [dB] (beams, b); where all of them are processed it is the highest that counts
+    steered: Array  # float64 (beams,) relative bearing at which each beam looks [rad]; NaN: not told
+    mirrored: bool = False  # whether it cannot tell port from starboard, as a line cannot
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """Source level by scenario and speed."""
+
+    speed: Array  # float64 (s,) over ground [m/s], ascending; below the first it is that of the first, above the last of the last
+    level: NDArray[np.float32]  # [dB re 1 uPa at 1 m] (scenarios, s)
+
+
+@dataclass(frozen=True, eq=False)
+class Sonar:
+    """A passive sonar: signal excess = source level - loss - (noise - gain) - threshold.
+
+    It hears a target when its signal excess and a fluctuation of standard deviation `fluctuation` are together above 0.
+    The fluctuation keeps its value until it jumps to another, independent one, at a rate of `jump_rate`: the
+    lambda-sigma process (McCabe and Belkin 1973; Wagner, Mylander and Sanders 1999, Naval Operations Analysis, chapter 5).
+    """
+
+    levels: Levels
+    losses: Losses
+    noise: Noise
+    gain: Gain
+    threshold: float  # [dB]
+    fluctuation: float  # [dB], above 0
+    jump_rate: float  # [1/s], at least 0
+    unknown: float = 0.0  # [dB] standard deviation of what all looks and watches of its group have in common
+
+
+@dataclass(frozen=True, eq=False)
+class PodGrid:
+    """Probability of detection by place, or by bearing and range round the sensor."""
+
+    pod: NDArray[np.float32]  # (t, lat, lon) or (t, b, r), 0 to 1
+    times: NDArray[np.datetime64]  # (t,) ascending; (0,): at all times the same, with t = 1; straight in between
+    lat: Array | None = None  # float64 [rad] (lat,) ascending, evenly spaced; beyond the grid nothing is detected
+    lon: Array | None = None  # float64 [rad] (lon,) ascending, evenly spaced; it may pass 180 degrees
+    bearing: Array | None = None  # float64 [rad] (b,), see Losses
+    range: Array | None = None  # float64 [m] (r,)
+    per: float = math.nan  # [s] how long what is detected with this probability stays there; NaN: for as long as the watch
+    name: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """A sensor of a case, to which watches, looks, contacts and units refer by name."""
+
+    name: str
+    sees: Sonar | PodGrid
+    place: tuple[float, float] | None = None  # (lon, lat) [deg] where it stands; None: on what carries it
+    heading: float = 0.0  # [rad] true, of the array of a sensor that stands
+    group: str = ""  # sensors of one group share their unknown
