@@ -31,7 +31,7 @@ class Noise:
 
     bearing: Array  # float64 (b,) true [rad]; one: the same all round
     level: NDArray[np.float32]  # [dB re 1 uPa^2/Hz, or in a band] (t, b)
-    times: NDArray[np.datetime64]  # (t,) ascending; (0,): at all times the same, with t = 1. Before the first it is that of the first
+    times: NDArray[np.datetime64]  # (t,) ascending; (0,): always the same, with t = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class PodGrid:
     lon: Array | None = None  # float64 [rad] (lon,) ascending, evenly spaced; it may pass 180 degrees
     bearing: Array | None = None  # float64 [rad] (b,), see Losses
     range: Array | None = None  # float64 [m] (r,)
-    per: float = math.nan  # [s] how long what is detected with this probability stays there; NaN: for as long as the watch
+    per: float = math.nan  # [s] for which it is there; NaN: for as long as the watch
     name: str = ""
 
 
