@@ -163,6 +163,7 @@ def _scenario(
         motion=PARAMETERS[table.motion](table),
         survival=alive,
         itinerary=itinerary,
+        source_level=table.source_level,
     )
 
 

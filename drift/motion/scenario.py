@@ -144,6 +144,8 @@ class Scenario:
     motion: Any = None  # parameters of the model's own: opaque to all but the model
     survival: Survival | None = None
     itinerary: Itinerary | None = None  # how it steers until its distress; None: it is adrift from the first
+    # How loud it is to a passive sonar [dB re 1 uPa at 1 m], or rows of speed [m/s] and level; None: not told.
+    source_level: float | tuple[tuple[float, float], ...] | None = None
 
     @property
     def models(self) -> tuple[str, ...]:
