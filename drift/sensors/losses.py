@@ -74,15 +74,22 @@ def between(losses: Losses, lon: float, lat: float) -> NDArray[np.float32]:
     if len(losses.loss) == 1:
         only: NDArray[np.float32] = losses.loss[0]
         return only
-    joined = _joined.get(losses)
-    if joined is None:
-        joined = _joined[losses] = places.join(losses.lon, losses.lat, losses.name)
-    which, weight = places.weights(joined, lon, lat)
+    which, weight = weights(losses, lon, lat)
     share = weight.astype(np.float32)
     table = share[0] * losses.loss[which[0]]
     for k in range(1, len(which)):
         table += share[k] * losses.loss[which[k]]
     return np.asarray(table, np.float32)
+
+
+def weights(losses: Losses, lon: float, lat: float) -> places.Weights:
+    """Return the numbers of the places whose losses hold at a position [rad], and their weights; of one, or of up to three."""
+    if len(losses.loss) == 1:
+        return np.zeros(1, np.int64), np.ones(1)
+    joined = _joined.get(losses)
+    if joined is None:
+        joined = _joined[losses] = places.join(losses.lon, losses.lat, losses.name)
+    return places.weights(joined, lon, lat)
 
 
 def _places(found: Found) -> tuple[Array, Array, list[str]]:
