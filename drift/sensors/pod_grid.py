@@ -167,7 +167,9 @@ def _probabilities(table: Array, unit: str, labels: Sequence[table_file.Label], 
         )
     if gaps == "blind":
         table = np.where(np.isnan(table), 0.0, table)
-    table_values.check_whole(table, labels, name, ', or set gaps = "blind" where nothing is detected')
+    table_values.check_whole(
+        table, labels, name, "" if gaps == "blind" else ', or set gaps = "blind": nothing is detected there'
+    )
     wrong = (table < -ROUNDING) | (table > 1.0 + ROUNDING)
     if wrong.any():
         first = float(table[wrong][0])
