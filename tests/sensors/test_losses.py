@@ -103,8 +103,9 @@ def test_any_order_and_packing_gives_the_same_table(tmp_path: Path, case: tuple[
 
 
 @pytest.mark.parametrize("unit", ["degree", "rad"])
-def test_0_and_360_both_there_count_once(unit: str, tmp_path: Path) -> None:
-    both = np.append(BEARING, 360.0)
+@pytest.mark.parametrize("end", [360.0, 359.9999, -1e-5])
+def test_0_and_360_both_there_count_once(end: float, unit: str, tmp_path: Path) -> None:
+    both = np.append(BEARING, end)
     same(losses.read(Table(bearing=both, values=loss(both, RANGE), units={"bearing": unit}).write(tmp_path / "a.nc")))
 
 
@@ -302,6 +303,18 @@ def test_a_dimension_without_numbers_is_refused(tmp_path: Path) -> None:
         data.drop_vars("range").to_netcdf(tmp_path / "b.nc")
     with pytest.raises(UserError, match='the dimension "range" has no coordinate'):
         losses.read(tmp_path / "b.nc")
+
+
+def test_what_else_lies_along_the_range_is_not_taken_for_it(tmp_path: Path) -> None:
+    with xr.open_dataset(Table().write(tmp_path / "a.nc")) as data:
+        data.load()
+    bottom = ("range", np.linspace(50.0, 4000.0, len(RANGE)), {"units": "m", "long_name": "sea floor along the range"})
+    data = data.assign(bathymetry=bottom)
+    data.to_netcdf(tmp_path / "b.nc")
+    same(losses.read(tmp_path / "b.nc"))
+    data.drop_vars("range").to_netcdf(tmp_path / "c.nc")
+    with pytest.raises(UserError, match='the dimension "range" has no coordinate'):
+        losses.read(tmp_path / "c.nc")
 
 
 def test_what_is_no_netcdf_file_is_refused(tmp_path: Path) -> None:
