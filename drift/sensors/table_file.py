@@ -200,22 +200,21 @@ def _likeness(kind: str, dim: str, name: str, data: xr.Dataset) -> float:
     standard, long, units = (str(attributes.get(key, "")).strip() for key in ("standard_name", "long_name", "units"))
     if naming.NORTH_UNITS.match(units) or naming.EAST_UNITS.match(units) or standard in ("latitude", "longitude"):
         return 0.0
-    own = 0.5 * (name == dim)  # before another coordinate of the same dimension
     if standards.search(standard):
-        return 8.0 + own
+        return 8.0
     if NEITHER.search(name or dim) or NEITHER.search(standard):
         return 0.0
     if not name:
         return 0.5 if names.match(dim) else 0.0
     if names.match(name):
-        return 4.0 + own
+        return 4.0
     if longs.search(long) and not NEITHER.search(long):
-        return 2.0 + own
-    return 1.0 + own if kind == "bearing" and units.lower() in ANGLES else 0.0
+        return 2.0
+    return 1.0 if kind == "bearing" and units.lower() in ANGLES else 0.0
 
 
 def selected(data: xr.Dataset, name: str, asked: Asked) -> xr.Dataset:
-    """Return a dataset at the values that are chosen of its dimensions; refuse one that is not there."""
+    """Return a dataset at the values that are chosen of its dimensions; refuse one that is not there, and no values."""
     for key, value in asked.select.items():
         dims = [str(d) for d in data[name].dims]
         beside = {
@@ -239,6 +238,8 @@ def selected(data: xr.Dataset, name: str, asked: Asked) -> xr.Dataset:
             )
         if dim is not None:
             data = data.isel({dim: index})
+    if 0 in data[name].shape:
+        raise UserError(f"{asked.name}: {spoken(data, name)} holds no values; give a table with some")
     return data
 
 
@@ -297,8 +298,6 @@ def values(found: Found, dims: Sequence[str]) -> Array:
                 f"{_unit(data, dim)}); choose one with select = {{ {dim} = ... }}"
             )
     count = math.prod(int(data.sizes[d]) for d in dims)
-    if count == 0:
-        raise UserError(f"{found.name}: {spoken(data, name)} holds no values; give a table with some")
     if count > MOST_VALUES:
         raise UserError(
             f"{found.name}: {spoken(data, name)} has {count:,} values; at most {MOST_VALUES:,} are read: cut it"

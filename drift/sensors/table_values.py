@@ -34,6 +34,8 @@ def unit_of(found: Found, variable: str) -> str:
 def axis(found: Found, kind: str) -> Array:
     """Return the values of a table's bearings [deg] or ranges [m], in the file's order."""
     coordinate = found.coordinates[kind]
+    if kind == "bearing" and found.data.sizes[found.kinds[kind]] == 1:
+        return np.zeros(1)  # it holds all round, whatever it is
     if not coordinate:
         raise UserError(
             f'{found.name}: the dimension "{found.kinds[kind]}" has no coordinate; give the file a variable '
@@ -49,8 +51,6 @@ def axis(found: Found, kind: str) -> Array:
     unit = unit_of(found, coordinate)
     allowed = UNITS[kind]
     if unit.lower() not in allowed or unit == "M":  # nautical miles on charts, and no metres
-        if not unit and kind == "bearing" and given.size == 1:
-            return given.astype(np.float64)  # it holds all round, whatever it is
         had = f'in "{unit}"' if unit else "in no unit"
         raise UserError(
             f'{found.name}: the {kind}s "{coordinate}" are {had}; allowed are {SPOKEN[kind]}: mend their attribute units, or '

@@ -231,6 +231,11 @@ BAD: dict[str, tuple[Table, dict[str, Any], str]] = {
     "no variable": (Table(), {"variable": "ttl"}, r'no variable "ttl" \(the nearest name is "tl"\); it holds tl'),
     "units of nothing": (Table(), {"units": {"rnge": "m"}}, 'units "rnge": no such variable'),
     "nothing over range": (Table(names={"range": "depth"}), {}, "no transmission loss over bearing and range; it holds"),
+    "depth by its long name": (
+        Table(names={"range": "depth"}, attributes={"depth": {"long_name": "distance below the surface"}}),
+        {},
+        "no transmission loss over bearing and range; it holds",
+    ),
     "not over range": (
         Table(names={"range": "depth"}), {"variable": "tl"}, r'"tl" \(bearing = 24, depth = 7\) has no dimension of range'
     ),

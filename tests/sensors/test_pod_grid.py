@@ -112,6 +112,9 @@ KINDS: dict[str, Callable[[], xr.Dataset]] = {
         )
         .drop_vars(["x", "y"])
     ),
+    "a name that says nothing, beside numbers of each time": lambda: xr.Dataset(
+        {"field": regular()["pod"].drop_attrs().assign_attrs(units="1"), "sorties": ("time", [1.0, 2.0, 3.0])}
+    ),
     "a depth": lambda: regular().expand_dims(depth=[50.0]),
     "projected": projected,
     "rotated pole": rotated,
@@ -138,7 +141,7 @@ def test_same_pod_on_every_grid(kind: str, packed: bool, tmp_path: Path) -> None
         if packed
         else {}
     )
-    data.to_netcdf(tmp_path / "a.nc", encoding={"pod": how})
+    data.to_netcdf(tmp_path / "a.nc", encoding={"field" if "field" in data else "pod": how})
     made = pod_grid.read(tmp_path / "a.nc", per=3600.0)
     assert made.pod.dtype == np.float32
     assert made.pod.shape == (3, made.lat.size, made.lon.size)
@@ -274,6 +277,11 @@ BAD: dict[str, tuple[Callable[[], xr.Dataset], dict[str, Any], str]] = {
         lambda: xr.concat([regular(), regular()], xr.IndexVariable("depth", [5.0, 50.0])), {},
         r'2 values of "depth" \(5, 50\); choose one with select = \{ depth',
     ),
+    "axes of text": (
+        lambda: projected().assign_coords(X=("X", [f"x{k}" for k in range(projected().sizes["X"])], {"units": "m"})), {},
+        "no longitude and latitude for",
+    ),
+    "nothing in it": (lambda: regular().isel(lat=slice(0, 0)), {}, "holds no values"),
     "a line": (lambda: regular().isel(lat=[3]), {}, '"lat" has one value'),
     "times reversed": (lambda: regular().isel(time=[1, 0, 2]), {}, "times do not increase"),
     "no such variable": (regular, {"variable": "pd"}, 'no variable "pd" .the nearest name is "pod"'),
