@@ -145,6 +145,27 @@ def test_one_place_without_a_dimension_is_a_place(tmp_path: Path) -> None:
     assert losses.between(read, 1.0, 0.2) is not None
 
 
+def test_positions_of_cells_and_of_the_whole_are_no_places(tmp_path: Path) -> None:
+    """Files give the longitude and latitude of each cell of a radial, too, and one position for all places."""
+    with xr.open_dataset(FOUR.write(tmp_path / "a.nc")) as data:
+        data.load()
+    cell = ("bearing", "range"), np.ones((len(BEARING), len(RANGE)))
+    data = data.assign(
+        cell_lon=(*cell, {"units": "degrees_east", "standard_name": "longitude"}),
+        cell_lat=(*cell, {"units": "degrees_north", "standard_name": "latitude"}),
+        longitude=((), 5.0, {"units": "degrees_east", "standard_name": "longitude"}),
+        latitude=((), 6.0, {"units": "degrees_north", "standard_name": "latitude"}),
+    )
+    data.to_netcdf(tmp_path / "b.nc")
+    read = losses.read(tmp_path / "b.nc")
+    same(read, PLACES)
+    np.testing.assert_allclose(np.degrees(read.lon), LON)
+    data.isel(place=0, drop=True).drop_vars(["lon", "lat", "longitude", "latitude"]).to_netcdf(tmp_path / "c.nc")
+    read = losses.read(tmp_path / "c.nc")
+    same(read)
+    assert read.lon.size == 0
+
+
 def test_places_on_a_grid_are_places(tmp_path: Path) -> None:
     values = PLACES[:4].reshape(2, 2, len(BEARING), len(RANGE))
     data = xr.Dataset(
