@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from drift.sensors import circle, places, table_file, table_values
 from drift.sensors.places import Places
@@ -142,14 +143,17 @@ def _coordinate(data: xr.Dataset, free: list[str], pattern: Any, units: Any, sta
 
 def _check_apart(lon: Array, lat: Array, name: str) -> None:
     """Refuse a place that stands twice."""
-    for k in range(1, len(lon)):
-        metres = sphere.distance(lon[:k], lat[:k], lon[k], lat[k])
-        if metres.min() < places.SAME:
-            first = int(np.argmin(metres))
-            raise UserError(
-                f"{name}: places {first + 1} and {k + 1} are the same ({np.degrees(lon[k]):g} E, {np.degrees(lat[k]):g} N); "
-                "leave one of them out"
-            )
+    if len(lon) < 2:
+        return
+    points = np.stack(sphere.vector(lon, lat), axis=1)
+    apart, near = cKDTree(points).query(points, k=2)
+    k = int(np.argmin(apart[:, 1]))
+    if apart[k, 1] * sphere.RADIUS < places.SAME:
+        first, second = sorted((k, int(near[k][near[k] != k][0])))
+        raise UserError(
+            f"{name}: places {first + 1} and {second + 1} are the same ({np.degrees(lon[k]):g} E, {np.degrees(lat[k]):g} N); "
+            "leave one of them out"
+        )
 
 
 def _check_losses(table: Array, labels: Sequence[Label], name: str) -> None:
