@@ -23,7 +23,7 @@ from geo.array import Array
 BINS = 24  # most bins of time in which ways are compared
 COARSE, FINE = 4000.0, 1500.0  # [m] parts of a relative way in which excess is taken once, at first and later
 TRIED = 640  # ways that are tried at first
-STAGES = ((700, 24, 3), (3_000, 8, 3), (12_000, 3, 3))  # particles, ways that are kept, rounds of moving them about
+STAGES = ((600, 12, 2), (1_500, 4, 3), (4_000, 2, 3))  # particles, ways that are kept, rounds of moving them about
 STEPS = (0.10, 12.0, 0.15)  # first steps: of the size of where it may begin, degrees of course, of the turn's share
 TURNS = 3  # most times that all ships are placed anew
 WORTH = 1e-4  # share of the value by which placing a ship anew is worth it
