@@ -21,7 +21,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Waves = NDArray[np.complex128]
-Water = Callable[[Array, Array], tuple[Array, Array]]  # of latitude and longitude [deg]: depth of the axis [m], strength
+Water = Callable[
+    [Array, Array], tuple[Array, Array]
+]  # of latitude and longitude [deg]: depth of the axis [m], strength
 
 NMI = 1852.0  # [m]
 RADIUS = 6371e3  # [m] of the Earth
@@ -267,7 +269,13 @@ def write(path: Path, survey: Survey, ranges: Array, loss: Array) -> None:
             variable.setncatts({"units": unit, "long_name": words, **more})
             variable[...] = values
         packed = data.createVariable(
-            "loss", "i2", ("depth", "place", "bearing", "range"), zlib=True, complevel=9, shuffle=True, fill_value=-32768
+            "loss",
+            "i2",
+            ("depth", "place", "bearing", "range"),
+            zlib=True,
+            complevel=9,
+            shuffle=True,
+            fill_value=-32768,
         )
         packed.setncatts(
             {
