@@ -88,6 +88,7 @@ def greedy(hearing: Hearing, *, first: tuple[int, int] | None = None, without: t
     if first is not None:
         chosen[first[0]] = (first[1],)
     missed = Missed(hearing, tuple(chosen))
+    fit = [manning.extends(beams, hearing.array, crew) for beams, crew in zip(chosen, crews, strict=True)]
     heap = [
         (-float(gain), slot, beam, 0)
         for slot in range(hearing.slots)
@@ -98,7 +99,7 @@ def greedy(hearing: Hearing, *, first: tuple[int, int] | None = None, without: t
     taken = 0
     while heap:
         _, slot, beam, when = heapq.heappop(heap)
-        if not manning.extends(chosen[slot], hearing.array, crews[slot])[beam]:
+        if not fit[slot][beam]:
             continue  # nor will it later
         if when < taken:
             gain = missed.gain(slot, beam) - float(hearing.cost[slot, beam])
@@ -107,6 +108,7 @@ def greedy(hearing: Hearing, *, first: tuple[int, int] | None = None, without: t
             continue
         missed.add(slot, beam)
         chosen[slot] = tuple(sorted((*chosen[slot], beam)))
+        fit[slot] = manning.extends(chosen[slot], hearing.array, crews[slot])
         taken += 1
     return tuple(chosen)
 

@@ -6,6 +6,7 @@ what the others would add. Where beams are more than fit on a page, those stand 
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -34,7 +35,7 @@ NARROW = 0.29  # [in] of a slot, below which there is no room for a number
 STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.25, 0.5)  # of what is heard, between ticks
 FILL = "#0b4f8a"  # of beams that are processed
 GROUND = ListedColormap(colormaps["YlOrBr"](np.linspace(0.0, 0.42, 128)))  # of what others would add
-LINE = {"color": INK, "linewidth": 1.4}
+LINE: dict[str, Any] = {"color": INK, "linewidth": 1.4}
 
 
 def draw(allocation: Allocation, hearing: Hearing, names: Names, path: Path, imprint: Imprint) -> None:

@@ -10,6 +10,7 @@ over all slots together, from several starts (`choosing`), and a bound says how 
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drift.arrays import choosing, manning, relaxation
 from drift.arrays.records import Allocation, Alternative, Chosen, Hearing
@@ -20,7 +21,8 @@ from geo.errors import UserError
 SAMPLE = 10_000  # particles on which starts are tried and the bound is sought, before both are settled on all
 STEPS, LAST = 200, 20  # of the search for the bound, on a sample, and then on all
 GAP = 1e-4  # share of the bound at which it ends
-EFFORT, MOST = 4e6, 200  # chances that may be gone through to vary the choice; variations at the most
+EFFORT, MOST = 2e8, 200  # chances that may be gone through to vary the choice; variations at the most
+EACH = 500  # chances that take as long as one beam that is looked at
 SAME = 1e-9  # share of the weight within which a choice is as good as its bound
 FIXED = "the same beams all the time"
 ALONE = "each slot by itself"
@@ -45,7 +47,7 @@ def allocate(hearing: Hearing, *, today: Chosen | None = None) -> Allocation:
         chosen, bound = linear, ceiling
     else:
         chosen, relaxed = _sought(hearing, [linear, *others.values()])
-        bound = min(relaxed.bound, ceiling)
+        bound = min(relaxed.bound, ceiling, total)
     heard = choosing.heard(hearing, chosen)
     value = heard - choosing.costs(hearing, chosen)
     return Allocation(
@@ -128,7 +130,7 @@ def gains(hearing: Hearing, chosen: Chosen) -> Real:
             missed.drop(slot, beam)
             added[slot, beam] = missed.gain(slot, beam)
             missed.add(slot, beam)
-        added[slot, ~np.array(_served(hearing, slot), bool)[hearing.array]] = np.nan
+        added[slot, ~manning.extends((), hearing.array, hearing.crew(slot))] = np.nan
     return added
 
 
@@ -143,7 +145,7 @@ def by_slot(hearing: Hearing, chosen: Chosen) -> Real:
     return heard
 
 
-def shared_out(hearing: Hearing, chosen: Chosen) -> np.ndarray[tuple[int, int], np.dtype[np.intp]]:
+def shared_out(hearing: Hearing, chosen: Chosen) -> NDArray[np.intp]:
     """Return the beam of each processor, (slots, processors), -1: idle; a processor keeps its beam where it can."""
     given = np.full(hearing.manned.shape, -1, np.intp)
     before = np.full(len(hearing.serves), -1, np.intp)
@@ -168,7 +170,9 @@ def _linear(hearing: Hearing) -> tuple[Chosen, float]:
 
 def _varied(hearing: Hearing, chosen: Chosen) -> list[Chosen]:
     """Return greedy choices that begin with another beam, or do without one of those chosen: as many as there is time for."""
-    many = int(EFFORT / max(sum(table.nnz for table in hearing.chance), EFFORT / MOST))
+    looks = hearing.slots * hearing.beams * (1 + sum(map(len, chosen)))
+    work = 10 * sum(table.nnz for table in hearing.chance) + EACH * looks
+    many = int(EFFORT / max(work, EFFORT / MOST))
     missed = choosing.Missed(hearing, ())
     gain = np.stack([missed.gains(slot) for slot in range(hearing.slots)]) - hearing.cost
     firsts = [divmod(int(k), hearing.beams) for k in np.argsort(-gain, axis=None, kind="stable") if gain.flat[k] > 0]
@@ -183,11 +187,6 @@ def _varied(hearing: Hearing, chosen: Chosen) -> list[Chosen]:
 def _rounded(hearing: Hearing, share: Real) -> Chosen:
     """Return the beams of the highest shares that fit together."""
     return tuple(manning.best(row, hearing.array, hearing.crew(slot)) for slot, row in enumerate(share))
-
-
-def _served(hearing: Hearing, slot: int) -> list[bool]:
-    """Return of each array whether some processor of a slot can serve it."""
-    return hearing.serves[hearing.manned[slot]].any(axis=0).tolist()
 
 
 def _fits(hearing: Hearing, today: Chosen) -> None:
