@@ -77,7 +77,7 @@ def _sought(hearing: Hearing, starts: list[Chosen]) -> tuple[Chosen, Relaxed]:
         return chosen, relaxed
     sharp = relaxation.SMOOTH[1]
     relaxed = relaxation.bound(hearing, relaxed.share, steps=LAST, gap=GAP, soft=(sharp, sharp))
-    chosen = choosing.exchanged(hearing, chosen)
+    chosen = best(hearing, [chosen, _rounded(hearing, relaxed.share)])
     worth = choosing.value(hearing, chosen)
     return best(hearing, [chosen, *(start for start in starts if choosing.value(hearing, start) > worth)]), relaxed
 
@@ -114,8 +114,8 @@ def fixed(hearing: Hearing) -> Chosen:
     assert misses is not None
     misses.data = -np.expm1(-misses.data)
     together = Hearing(
-        (misses.tocsr(),), hearing.weight, hearing.array, hearing.serves, hearing.manned.all(axis=0)[None],
-        hearing.cost.sum(axis=0)[None],
+        (misses.tocsr(),), hearing.weight, hearing.array, hearing.serves, np.all(hearing.manned, axis=0, keepdims=True),
+        hearing.cost.sum(axis=0, keepdims=True),
     )  # fmt: skip
     return choosing.exchanged(together, choosing.greedy(together)) * hearing.slots
 
@@ -130,7 +130,8 @@ def gains(hearing: Hearing, chosen: Chosen) -> Real:
             missed.drop(slot, beam)
             added[slot, beam] = missed.gain(slot, beam)
             missed.add(slot, beam)
-        added[slot, ~manning.extends((), hearing.array, hearing.crew(slot))] = np.nan
+        served = manning.extends((), hearing.array, hearing.crew(slot))
+        added[slot] = np.where(served, added[slot], np.nan)
     return added
 
 
