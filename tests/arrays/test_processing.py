@@ -78,6 +78,15 @@ def test_it_finds_what_brute_force_finds_and_the_bound_holds(block: int) -> None
     assert np.mean(shares) > 0.999
 
 
+@pytest.mark.parametrize("seed", [200, 224, 693])
+def test_exchange_alone_would_be_trapped(seed: int) -> None:
+    """Cases in which the best of all single exchanges is 1 to 3 % short of the best."""
+    hearing = small(seed)
+    most = brute_force(hearing)
+    assert choosing.value(hearing, choosing.exchanged(hearing, choosing.greedy(hearing))) < 0.99 * most
+    assert processing.allocate(hearing).value == pytest.approx(most, rel=1e-9)
+
+
 def highs(hearing: Hearing) -> float:
     """Return the best sum of single gains by HiGHS: which processor works on which beam, as an integer programme."""
     total = 0.0
