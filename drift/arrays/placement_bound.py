@@ -29,9 +29,9 @@ from geo import sphere
 from geo.array import Array
 from kernels import stations
 
-PARTICLES = 600
-CELLS = 220  # most cells of each array
-SLOTS = (4, 8)  # numbers of slots that are tried; the lowest bound counts
+PARTICLES = 400
+CELLS = 500  # most cells of each array
+SLOTS = (2, 4)  # numbers of slots that are tried; the lowest bound counts
 STEPS = 60  # of Frank and Wolfe
 PART = 4000.0  # [m] parts of a relative way
 SMALL = 0.002  # gap at which it ends
