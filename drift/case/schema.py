@@ -13,6 +13,7 @@ from drift.case.about import AboutTable
 from drift.case.barrier import BarrierTable, LineTable
 from drift.case.contact import ContactTable
 from drift.case.expect import Expect
+from drift.case.family import FamilyTable, expanded
 from drift.case.grid import GridTable
 from drift.case.itinerary import VoyageTable, shared
 from drift.case.look import LookTable
@@ -197,7 +198,9 @@ class CaseTable(fields.Table):
     """Voyages by name, `[voyage.passage]`, that several stories share: a phase says `voyage = "passage"`, or `voyage = { like = "passage",
     speed = "3 kn" }` where some of its keys are its own."""
     scenario: list[ScenarioTable] = Field(default_factory=list)
-    """Stories of one object, each with its weight; give these or a `[spill]`."""
+    """Stories of one object, each with its weight; give these, families of them, or a `[spill]`."""
+    family: list[FamilyTable] = Field(default_factory=list)
+    """Hundreds of stories in a few lines: the products of routes, speeds, times."""
     spill: SpillTable | None = None
     """Many objects from one cause."""
     find: list[FindTable] = Field(default_factory=list)
@@ -230,8 +233,8 @@ class CaseTable(fields.Table):
     @model_validator(mode="before")
     @classmethod
     def with_shared_voyages(cls, data: Any) -> Any:
-        """Put the voyages that stories share where they are named."""
-        return shared(data)
+        """Make scenarios of families, and put the voyages that stories share where they are named."""
+        return shared(expanded(data))
 
     @field_validator("seed")
     @classmethod
@@ -258,7 +261,7 @@ class CaseTable(fields.Table):
 
     def _subject(self) -> list[str]:
         if bool(self.scenario) == (self.spill is not None):
-            return ["give either [[scenario]] tables, of one object, or a [spill] of many"]
+            return ["give either [[scenario]] or [[family]] tables, of one object, or a [spill] of many"]
         wrong = []
         if self.spill is None and (self.find or self.patrol or self.patrol_unit):
             wrong.append("[[find]], [[patrol]] and [[patrol_unit]] belong to a [spill]")
