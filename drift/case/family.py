@@ -356,10 +356,16 @@ def _called(value: Any, otherwise: str) -> str:
 
 
 def _ends(low: str, high: str) -> str:
-    """Return a range in words, the unit once: 6 to 7 kn."""
+    """Return a range in words, the unit once: 6-7 kn."""
     a, b = (units.NUMBER.fullmatch(text) for text in (low, high))
-    same = a is not None and b is not None and a[2] and a[2] == b[2]
-    return f"{a[1] if same and a else low} to {high}"
+    if a is None or b is None or a[2] != b[2] or not (_plain(low) and _plain(high)):
+        return f"{low} to {high}"
+    return f"{a[1]}-{high}" if a[1][0].isdigit() and b[1][0].isdigit() else f"{a[1]} to {high}"
+
+
+def _plain(text: str) -> bool:
+    """Whether a text is a number with no unit, or one that is no time."""
+    return not units.GROUP.fullmatch(text)
 
 
 def _moment(value: Any) -> np.datetime64:

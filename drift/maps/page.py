@@ -2,7 +2,7 @@
 
 import textwrap
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -50,6 +50,27 @@ def save(canvas: FigureCanvasAgg, path: Path, title: str, attributes: Mapping[st
 def fit(text: str, characters: float) -> str:
     """Return a text cut to a number of letters."""
     return textwrap.shorten(text, int(characters), placeholder=" …")
+
+
+def names(texts: Sequence[str], characters: float) -> list[str]:
+    """Return names that stand beside each other cut to a number of letters, so that any two that differ still do.
+
+    Where their begins alone would be alike, the parts that the long ones have in common are left out, then their begins.
+    """
+    many = int(characters)
+    found = [fit(text, many) for text in texts]
+    if len({*found}) == len({*texts}):
+        return found
+    long = [text for text in texts if len(text) > many]
+    parts = [text.split(", ") for text in long]
+    same = 0
+    while all(len(own) > same + 1 and own[same] == parts[0][same] for own in parts):
+        same += 1
+    short = {text: "… " * (same > 0) + ", ".join(own[same:]) for text, own in zip(long, parts, strict=True)}
+    ends = [short.get(text, text) for text in texts]
+    if len({*(fit(text, many) for text in ends)}) == len({*texts}):
+        return [fit(text, many) for text in ends]
+    return [text if len(text) <= many else f"…{text[1 - many :]}" for text in ends]
 
 
 def banner(figure: Figure, x: float, y: float, side: str, size: float, text: str) -> None:
