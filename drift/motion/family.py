@@ -120,20 +120,47 @@ def _about(line: str, places: Mapping[str, InFamily]) -> str | None:
     return None
 
 
+def together(names: Sequence[str], places: Mapping[str, InFamily]) -> list[str]:
+    """Return what some scenarios are called with those of a family made one: "transit, north (100 stories)".
+
+    places: by the names of scenarios.
+    """
+    found: dict[Family | str, list[tuple[int, ...]]] = {}
+    for name in names:
+        place = places.get(name)
+        found.setdefault(place.family if place else name, []).append(place.at if place else ())
+    told = []
+    for one, some in found.items():
+        if isinstance(one, str):
+            told.append(one)
+        elif len(some) == 1:
+            told.append(one.names[one.stories.index(some[0])])
+        else:
+            values = _values(one, {*some})
+            parts = [_several(axis, own) for axis, own in values] if values is not None else []
+            told.append(f"{', '.join([one.name, *parts])} ({len(some):,} stories)")
+    return told
+
+
 def _which(family: Family, some: set[tuple[int, ...]]) -> str:
     """Return of which scenarios of a family something is said, "" of all."""
-    every = set(family.stories)
-    if some == every:
-        return ""
-    values = [{at[k] for at in some} for k in range(len(family.axes))]
-    block = {at for at in every if all(at[k] in own for k, own in enumerate(values))}
-    if block == some:  # all that have some values on some axes
-        parts = []
-        for k, (axis, own) in enumerate(zip(family.axes, values, strict=True)):
-            if own != {at[k] for at in every}:
-                labels = [f'"{axis.labels[value]}"' for value in sorted(own)]
-                more = f" and {len(labels) - NAMED} more" if len(labels) > NAMED else ""
-                parts.append(f", {axis.name} {', '.join(labels[:NAMED])}{more}")
-        return "".join(parts)
-    first = next(name for name, at in zip(family.names, family.stories, strict=True) if at in some)
-    return f", {len(some)} of its {len(every)} scenarios, such as \"{first}\""  # fmt: skip
+    values = _values(family, some)
+    if values is None:
+        first = next(name for name, at in zip(family.names, family.stories, strict=True) if at in some)
+        return f', {len(some):,} of its {len(family.stories):,} scenarios, such as "{first}"'
+    return "".join(f", {axis.name} {_several(axis, own, quote=True)}" for axis, own in values)
+
+
+def _values(family: Family, some: set[tuple[int, ...]]) -> list[tuple[Axis, list[int]]] | None:
+    """Return the axes by whose values some scenarios are told from all of their family, with these; None: no values tell."""
+    own = [{at[k] for at in some} for k in range(len(family.axes))]
+    if {at for at in family.stories if all(at[k] in values for k, values in enumerate(own))} != some:
+        return None
+    every = [{at[k] for at in family.stories} for k in range(len(family.axes))]
+    return [(axis, sorted(a)) for axis, a, b in zip(family.axes, own, every, strict=True) if a != b]
+
+
+def _several(axis: Axis, values: Sequence[int], *, quote: bool = False) -> str:
+    labels = [f'"{axis.labels[value]}"' if quote else axis.labels[value] for value in values]
+    more = f" and {len(labels) - NAMED} more" if len(labels) > NAMED else ""
+    return f"{', '.join(labels[:NAMED])}{more}"

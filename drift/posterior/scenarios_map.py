@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from drift.forecast import effective
 from drift.maps import labels, page, sheet
 from drift.maps.chart import GREY, INK
 from drift.maps.imprint import Setting
@@ -48,10 +49,14 @@ def draw(ranking: Ranking, path: Path, setting: Setting) -> None:
         Sheet(
             width, height, 120, left=0.28 / width, title=sheet.heading(1 - 0.4 / height, 14, (width - 0.5) / 0.118),
             beside=(width - 4.7) / 0.118, lines=(Row(1 - 0.68 / height, 9.5, width * 12),),
-            caution=Badge(1 - 0.2 / width, 1 - 0.4 / height, side="right"), footer=sheet.small(0.09 / height, 7, width * 15),
+            caution=Badge(1 - 0.2 / width, 1 - 0.4 / height, side="right"),
+            rough=Badge(3.3 / width, 1 - 0.86 / height, 8), footer=sheet.small(0.09 / height, 7, width * 15),
         )
     )  # fmt: skip
     sheet.head(on, setting.imprint, ranking.words)
+    count = effective.Count(ranking.posteriors.stages[-1].ess, setting.particles)
+    if count.few:
+        sheet.rough(on, effective.banner(count, "probabilities are rough"))
     key: list[tuple[Any, str]] = [
         (Patch(color=NOW), "now"),
         (Line2D([], [], color=INK, linewidth=2.2), "before the first update"),
@@ -90,7 +95,7 @@ def _ranks(ax: Axes, ranking: Ranking) -> None:
     ax.barh(y, np.minimum(now, top), 0.62, color=[NOW] * len(alone) + [BEFORE] * bool(rest), zorder=3)
     known = np.array(prior) <= top
     ax.vlines(np.array(prior)[known], y[known] - 0.4, y[known] + 0.4, color=INK, linewidth=2.2, zorder=4)
-    for k in np.flatnonzero(np.maximum(prior, now) > top):
+    for k in np.flatnonzero(np.maximum(prior, now) > top).tolist():
         ax.text(top * 0.99, k, "›", fontsize=13, weight="bold", color=INK, ha="right", va="center_baseline", zorder=5)
     ax.set_xlim(0, top)
     ax.set_ylim(len(now) - 0.5, -0.5)
