@@ -2,6 +2,7 @@
 
 import textwrap
 import warnings
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -53,24 +54,29 @@ def fit(text: str, characters: float) -> str:
 
 
 def names(texts: Sequence[str], characters: float) -> list[str]:
-    """Return names that stand beside each other cut to a number of letters, so that any two that differ still do.
+    """Return names that stand beside each other cut to a number of letters, so that those that differ still do.
 
-    Where their begins alone would be alike, the parts that the long ones have in common are left out, then their begins.
+    Names of several parts, "transit, north, 8 kn", that begin alike leave out the parts that they share where one of them is too
+    long. Where cut names would still be alike, they keep their ends.
     """
     many = int(characters)
-    found = [fit(text, many) for text in texts]
-    if len({*found}) == len({*texts}):
-        return found
-    long = [text for text in texts if len(text) > many]
-    parts = [text.split(", ") for text in long]
-    same = 0
-    while all(len(own) > same + 1 and own[same] == parts[0][same] for own in parts):
-        same += 1
-    short = {text: "… " * (same > 0) + ", ".join(own[same:]) for text, own in zip(long, parts, strict=True)}
-    ends = [short.get(text, text) for text in texts]
-    if len({*(fit(text, many) for text in ends)}) == len({*texts}):
-        return [fit(text, many) for text in ends]
-    return [text if len(text) <= many else f"…{text[1 - many :]}" for text in ends]
+    if all(len(text) <= many for text in texts):
+        return list(texts)
+    families: dict[str, list[str]] = {}
+    for text in dict.fromkeys(texts):
+        families.setdefault(text.split(", ")[0], []).append(text)
+    short = {}
+    for own in families.values():
+        parts = [text.split(", ") for text in own]
+        same = 0
+        if len(own) > 1 and max(map(len, own)) > many:
+            while all(len(one) > same + 1 and one[same] == parts[0][same] for one in parts):
+                same += 1
+        short |= {text: "… " * (same > 0) + ", ".join(one[same:]) for text, one in zip(own, parts, strict=True)}
+    found = {text: fit(own, many) for text, own in short.items()}
+    times = Counter(found.values())
+    found = {text: own if times[own] == 1 else f"…{short[text][1 - many :]}" for text, own in found.items()}
+    return [found[text] for text in texts]
 
 
 def banner(figure: Figure, x: float, y: float, side: str, size: float, text: str) -> None:
