@@ -65,7 +65,7 @@ def names(texts: Sequence[str], characters: float) -> list[str]:
     families: dict[str, list[str]] = {}
     for text in dict.fromkeys(texts):
         families.setdefault(text.split(", ")[0], []).append(text)
-    short = {}
+    short: dict[str, str] = {}
     for own in families.values():
         parts = [text.split(", ") for text in own]
         same = 0

@@ -126,7 +126,8 @@ def _scenario(scenario: Scenario, dry: float) -> str:
     """Return how a scenario was understood; dry: share of its prior that is on land."""
     own = scenario.itinerary
     adrift = f"{scenario.object.name}: {scenario.object.description}"
-    text = f"{scenario.weight:.0%}, {adrift if own is None else voyage.words(own, adrift)}"
+    weight = f"{scenario.weight:.0%}" if scenario.weight >= 0.01 else f"{scenario.weight:.2%}"
+    text = f"{weight}, {adrift if own is None else voyage.words(own, adrift)}"
     if scenario.object.lull > 0 and (own is None or own.distress is not None):
         text += f"; leads upwind in winds below {scenario.object.lull:.1f} m/s"
     if dry > 0:
