@@ -3,6 +3,7 @@
 Scenarios, objects, sources, errors and expectations have files of their own; here is what holds them together.
 """
 
+from collections import Counter
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -255,7 +256,7 @@ class CaseTable(fields.Table):
     @model_validator(mode="after")
     def whole(self) -> "CaseTable":
         """Refuse a case of nothing, one of two kinds, and one whose times don't fit its direction."""
-        wrong = [*self._subject(), *self._backward(), *self._span()]
+        wrong = [*self._subject(), *self._families(), *self._backward(), *self._span()]
         fields.refuse(self, wrong)
         return self
 
@@ -270,6 +271,17 @@ class CaseTable(fields.Table):
         if self.spill is not None and (given := self._of_a_search()):
             wrong.append(f"{given} belongs to a search with [[scenario]] tables; a [spill] has [[find]] and [[patrol]]")
         return wrong
+
+    def _families(self) -> list[str]:
+        """Return families that bear the name of another one or of a scenario: tables by scenario name both."""
+        names = Counter([table.name for table in self.family])
+        stories = {table.name for table in self.scenario} if names else set()
+        wrong = [
+            f'family "{name}": two families have this name; give each its own' for name in names if names[name] > 1
+        ]
+        return wrong + [
+            f'family "{name}": a scenario has this name too; give each its own' for name in names if name in stories
+        ]
 
     def _backward(self) -> list[str]:
         given = self._of_a_search() if self.direction == "backward" and self.spill is None else ""
