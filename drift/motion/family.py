@@ -121,7 +121,7 @@ def _about(line: str, places: Mapping[str, InFamily]) -> str | None:
 
 
 def together(names: Sequence[str], places: Mapping[str, InFamily]) -> list[str]:
-    """Return what some scenarios are called with those of a family made one: "transit, north (100 stories)".
+    """Return what some scenarios are called with those of a family made one: "transit, north (100)".
 
     places: by the names of scenarios.
     """
@@ -138,7 +138,7 @@ def together(names: Sequence[str], places: Mapping[str, InFamily]) -> list[str]:
         else:
             values = _values(one, {*some})
             parts = [_several(axis, own) for axis, own in values] if values is not None else []
-            told.append(f"{', '.join([one.name, *parts])} ({len(some):,} stories)")
+            told.append(f"{', '.join([one.name, *parts])} ({len(some):,})")
     return told
 
 

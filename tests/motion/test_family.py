@@ -50,10 +50,10 @@ def test_names_that_hold_quotation_marks() -> None:
 
 def test_names_together() -> None:
     some = [name for name in TRANSIT.names if name.split(", ")[2] != "9 kn"]
-    assert family.together(TRANSIT.names, PLACES) == ["transit (10 stories)"]
-    assert family.together(["adrift", *some], PLACES) == ["adrift", "transit, 6 kn, 8 kn, 10 kn and 1 more (8 stories)"]
+    assert family.together(TRANSIT.names, PLACES) == ["transit (10)"]
+    assert family.together(["adrift", *some], PLACES) == ["adrift", "transit, 6 kn, 8 kn, 10 kn and 1 more (8)"]
     assert family.together(TRANSIT.names[5:6], PLACES) == ["transit, south, 6 kn"]
-    assert family.together([TRANSIT.names[0], TRANSIT.names[6]], PLACES) == ["transit (2 stories)"]
+    assert family.together([TRANSIT.names[0], TRANSIT.names[6]], PLACES) == ["transit (2)"]
 
 
 def test_shares_along_axes() -> None:
