@@ -280,7 +280,7 @@ def test_too_many_together(tmp_path: Path) -> None:
 
 
 def test_three_hundred_load_quickly(tmp_path: Path) -> None:
-    """Measured 0.25 s beyond one scenario; ten times as much is a fault that a slow machine does not explain."""
+    """Measured 0.1 s; 25 times as much is a fault that a slow machine does not explain."""
     load(tmp_path, HEAD + FAMILY)  # imports
     begin = time.process_time()
     load(tmp_path, HEAD + FAMILY)
