@@ -33,6 +33,10 @@ class Family:
     axes: tuple[Axis, ...]
     stories: tuple[tuple[int, ...], ...]  # of each its values on the axes, by number
 
+    def __hash__(self) -> int:
+        """Return the hash of its name: that of thousands of stories would be reckoned anew for each of them."""
+        return hash(self.name)
+
     @property
     def names(self) -> list[str]:
         """What its scenarios are called."""
