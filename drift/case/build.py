@@ -12,6 +12,7 @@ from drift.case import contact as contact_table
 from drift.case import look as look_table
 from drift.case import plan as plan_table
 from drift.case import presence as presence_table
+from drift.case import sonar as sonar_table
 from drift.case import sortie as sortie_table
 from drift.case import sources, subject, uncertainty, units
 from drift.case.context import Run
@@ -190,6 +191,10 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
     fleet: tuple[Unit, ...] = ()
     plan = None
     before = len(wrong.lines)
+    with wrong.gathered():
+        run = replace(run, sensors=sonar_table.build(table.sensor, run))
+    if len(wrong.lines) > before:  # what names them would be refused for want of them
+        return _Search()
     with wrong.gathered():
         sorties = sortie_table.build(table.sortie, run)
     with wrong.gathered():

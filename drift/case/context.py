@@ -1,7 +1,7 @@
 """What sorties, contacts and units must fit: the run, and the names of each other."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from drift.case.mistakes import Mistakes
 from drift.motion.scenario import Scenario
+from drift.sensors.records import Sensor
 from geo import notation
 from geo.errors import UserError
 
@@ -21,6 +22,7 @@ class Run:
     end: np.datetime64
     scenarios: Sequence[Scenario]
     folder: Path
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)  # by name
 
     def check(self, first: np.datetime64, last: np.datetime64) -> None:
         """Refuse times outside the run."""

@@ -5,13 +5,15 @@ import itertools
 import math
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from drift.case import fields, units
+from drift.case import fields, sonar, units
 from drift.case.context import Run, build_each
 from drift.case.sensor import probability
 from drift.search import records
 from drift.search.records import Look, Sight
+from drift.sensors.records import Sensor, Sonar
 from geo.notation import NMI
 
 LEAST = 10.0  # [m]
@@ -42,6 +44,11 @@ class FieldTable(fields.Table):
     @model_validator(mode="after")
     def one_shape(self) -> "FieldTable":
         """Refuse none or two shapes, and half a box."""
+        fields.refuse(self, self.misshapen())
+        return self
+
+    def misshapen(self) -> list[str]:
+        """Return what is wrong with its shape."""
         box = [key for key in ("width", "height") if getattr(self, key) is not None]
         wrong = []
         if self.radius is not None and (box or self.turned is not None):
@@ -50,8 +57,7 @@ class FieldTable(fields.Table):
         elif self.radius is None and len(box) < 2:
             missing = "width and height, or radius, are" if not box else f"{({'width', 'height'} - {*box}).pop()} is"
             wrong.append(f"{missing} missing: a field is a box or a circle about `at`")
-        fields.refuse(self, wrong)
-        return self
+        return wrong
 
     def field(self) -> records.Field:
         """Return the record."""
@@ -120,11 +126,33 @@ WITH_NUMBERS = {  # laws with numbers of their own: what reads them, and an exam
 class LookTable(FieldTable):
     """A [[look]] table as written."""
 
+    at: fields.Position | None = None  # type: ignore[assignment]
     name: fields.Label | None = None
     time: fields.Time
     sees: Literal["something", "nothing"]
     law: Annotated[Sight, BeforeValidator(_sight)] = Field(default=Sight())
     false_alarms: FalseAlarms = 0.0
+    sensor: fields.Label | None = None
+    beams: list[fields.Count] | None = None
+    heading: fields.Direction | None = None
+
+    @model_validator(mode="after")
+    def one_shape(self) -> "LookTable":
+        """Refuse a sensor and a field at once, and neither."""
+        wrong = []
+        if self.sensor is None:
+            wrong += [
+                f"{key} is of a sensor; give sensor, or leave {key} out"
+                for key in ("beams", "heading")
+                if getattr(self, key) is not None
+            ]
+            wrong += ["at is missing and has no default"] if self.at is None else []
+            wrong += self.misshapen()
+        else:
+            given = [key for key in ("radius", "width", "height", "turned", "law") if key in self.model_fields_set]
+            wrong += [f"{key} is of a field; a sensor says how it sees: leave {key} out" for key in given]
+        fields.refuse(self, wrong)
+        return self
 
     def look(self, name: str, run: Run) -> Look:
         """Return the record; raise ValueError for what does not fit the run."""
@@ -132,7 +160,25 @@ class LookTable(FieldTable):
         run.check(time, time)
         if self.false_alarms == 1:
             raise ValueError("false_alarms 1 sees something everywhere and so tells nothing; leave the look out")
+        if self.sensor is not None:
+            return self._by_sensor(sonar.named(self.sensor, run), name, time, run)
         return Look(name, time, self.field(), self.sees == "something", self.law, self.false_alarms)
+
+    def _by_sensor(self, sensor: Sensor, name: str, time: np.datetime64, run: Run) -> Look:
+        """Return the record of a look by a sensor; raise ValueError for what does not fit it."""
+        if sensor.place is not None and (self.at is not None or self.heading is not None):
+            raise ValueError(f'sensor "{sensor.name}" stands where its table says (at); leave at and heading out here')
+        place = sensor.place or self.at
+        if place is None:
+            raise ValueError(f'where is sensor "{sensor.name}"? Give at here, or in its [[sensor]] table')
+        array = isinstance(sensor.sees, Sonar) and len(sensor.sees.gain.bearing) > 1
+        if array and sensor.place is None and self.heading is None:
+            raise ValueError(f'sensor "{sensor.name}" has an array: give its heading at the time')
+        heading = sensor.heading if sensor.place is not None else math.radians(self.heading or 0.0)
+        return Look(
+            name, time, None, self.sees == "something", false_alarms=self.false_alarms, sensor=sensor,
+            beams=sonar.beams(self.beams, sensor), place=place, heading=heading,
+        )  # fmt: skip
 
 
 def build(tables: list[LookTable], run: Run) -> tuple[Look, ...]:

@@ -188,7 +188,7 @@ def check_groups(sorties: Sequence[Sortie], fleet: Sequence[Unit]) -> None:
     """Refuse a group whose members know their sweep widths differently well: its unknown factor is one."""
     first: dict[str, tuple[str, float]] = {}
     members: list[tuple[str, Sortie | Unit]] = [
-        (f'sortie "{sortie.name}"', sortie) for sortie in sorties if not sortie.watch
+        (f'sortie "{sortie.name}"', sortie) for sortie in sorties if not sortie.watches
     ]
     members += [(f'unit "{unit.name}"', unit) for unit in fleet]
     for place, member in members:

@@ -17,6 +17,7 @@ from drift.case.itinerary import PhaseTable, VesselTable
 from drift.case.mistakes import Mistakes
 from drift.case.objects import ObjectTable, SearchObject
 from drift.case.places import AreaTable, PositionTable
+from drift.case.sonar import SourceLevel
 from drift.motion.itinerary import Itinerary
 from drift.motion.leeway import Drifter
 from drift.motion.scenario import (
@@ -188,6 +189,8 @@ class ScenarioTable(fields.Table):
     trackline: TracklineTable | None = None
     """Or somewhere on a voyage."""
     search_object: SearchObject | None = None
+    source_level: SourceLevel | None = None
+    """How loud it is to a passive sonar, `"140 dB"` re 1 uPa at 1 m, or rows of speed and level; a sensor may say it instead."""
     survival: SurvivalTable | None = None
     phase: list[PhaseTable] = Field(default_factory=list)
     """How it steers before it drifts, one phase after another."""

@@ -21,6 +21,7 @@ from drift.case.look import LookTable
 from drift.case.plan import PlanTable, ResamplingTable, UnitTable
 from drift.case.presence import PresenceTable
 from drift.case.scenario import ScenarioTable
+from drift.case.sonar import NamedSensorTable
 from drift.case.sortie import SortieTable
 from drift.case.sources import SourceTable
 from drift.case.spill import FindTable, PatrolTable, PatrolUnitTable, SpillTable
@@ -29,7 +30,16 @@ from drift.forecast import shares
 from geo import notation, sphere
 from geo.box import Box
 
-SEARCH = ("sortie", "contact", "look", "presence", "barrier", "line", "unit")  # tables of a search for one object
+SEARCH = (
+    "sortie",
+    "contact",
+    "sensor",
+    "look",
+    "presence",
+    "barrier",
+    "line",
+    "unit",
+)  # tables of a search for one object
 MOST_PARTICLES = 2**31 - 1  # they are numbered in 32 bits
 
 
@@ -214,6 +224,8 @@ class CaseTable(fields.Table):
     """Searches that found nothing, or were flown."""
     contact: list[ContactTable] = Field(default_factory=list)
     """What was seen or heard and may be ours."""
+    sensor: list[NamedSensorTable] = Field(default_factory=list)
+    """Sensors that know the water: passive sonars, and POD by place; watches, looks, contacts and units name them."""
     look: list[LookTable] = Field(default_factory=list)
     """A sensor that looked once, at one time."""
     presence: list[PresenceTable] = Field(default_factory=list)

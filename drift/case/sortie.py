@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from drift.case import fields, units
 from drift.case import pattern as pattern_table
+from drift.case import sonar as sonar_table
 from drift.case import track as track_table
 from drift.case.context import Run, build_each
 from drift.case.pattern import PatternTable, RegionTable, Spacing, Waypoints
@@ -21,6 +22,7 @@ from drift.case.sensor import Kind, Pod, SensorTable, Zones, by_scenario
 from drift.motion.scenario import Scenario
 from drift.search import laws, patterns
 from drift.search.records import Sortie
+from drift.sensors.records import Sensor, Sonar
 from geo import notation, polyline
 from geo.notation import KNOT, NMI
 from geo.polyline import Area, Legs
@@ -29,10 +31,22 @@ MODES = ("area", "pattern", "waypoints", "track", "watch")
 
 
 class WatchTable(fields.Table):
-    """A sensor with zones of range: at one place, or moving along the sortie's waypoints or track."""
+    """A sensor of the case, or one with zones of range: at one place, or moving along the sortie's waypoints or track."""
 
     at: fields.Position | None = None
-    zones: Zones
+    zones: Zones | None = None
+    sensor: fields.Label | None = None
+    beams: list[fields.Count] | None = None
+
+    @model_validator(mode="after")
+    def one_kind(self) -> "WatchTable":
+        """Refuse none or two ways of seeing, and beams of zones."""
+        if (self.zones is None) == (self.sensor is None):
+            found = "neither" if self.zones is None else "both"
+            raise ValueError(f"zones or sensor must say how it sees; {found} is given, and exactly one must be")
+        if self.beams is not None and self.sensor is None:
+            raise ValueError("beams are of a sensor's array; give sensor, or leave beams out")
+        return self
 
 
 class MarkerTable(fields.Table):
@@ -130,7 +144,7 @@ class SortieTable(SensorTable):
             if getattr(self, key) is not None:
                 raise ValueError(f"watch and {key}: a watch has a place (at), waypoints or a track")
         places = [self.watch.at is not None, self.waypoints is not None, self.track is not None]
-        if sum(places) != 1:
+        if sum(places) > 1 or (sum(places) < 1 and self.watch.sensor is None):
             raise ValueError("watch needs exactly one place: watch.at, or waypoints or a track along which it moves")
         for key in ("law", "sweep_width", "sweep_width_uncertainty", "completed", "actual"):
             if key in self.model_fields_set:
@@ -173,7 +187,8 @@ class SortieTable(SensorTable):
         end = None if self.end is None else units.resolve(self.end, run.start)
         if start is not None and end is not None and end <= start:
             raise ValueError(f"end {notation.group(end)} is not after start {notation.group(start)}")
-        area, legs = self._place(start, end, run)
+        sensor = sonar_table.named(self.watch.sensor, run) if self.watch and self.watch.sensor else None
+        area, legs = self._place(start, end, run, self._stands(sensor))
         begin, finish = self._times(start, end, legs)
         run.check(begin, finish)
         speed = self._speed(legs)
@@ -196,7 +211,7 @@ class SortieTable(SensorTable):
             widths,
             width_under_way=under_way,
             shape=self.shape(),
-            group="" if self.watch else self.group(self.unit),
+            group=sensor.group if sensor else "" if self.watch else self.group(self.unit),
             area=area,
             coverage=self._coverage(widths, area, begin, finish, run.scenarios) if legs is None else (),
             coverage_under_way=(
@@ -204,6 +219,8 @@ class SortieTable(SensorTable):
             ),
             legs=legs,
             watch=self.watch.zones if self.watch else None,
+            sensor=sensor,
+            beams=sonar_table.beams(self.watch.beams, sensor) if self.watch and sensor else (),
             completed=self.completed,
             ashore=self.ashore,
             speed=speed,
@@ -213,8 +230,35 @@ class SortieTable(SensorTable):
         )
         return self._drifting(sortie, run)
 
+    def _stands(self, sensor: Sensor | None) -> tuple[float, float] | None:
+        """Return where a watch stands (lon, lat) [deg]; None: it moves, or this is none."""
+        if self.watch is None:
+            return None
+        moves = self.waypoints is not None or self.track is not None
+        if sensor is None:
+            return self.watch.at
+        if sensor.place is not None and (moves or self.watch.at is not None):
+            raise ValueError(
+                f'sensor "{sensor.name}" stands where its table says (at); leave at, waypoints and track out here'
+            )
+        if sensor.place is None and not moves and self.watch.at is None:
+            raise ValueError(
+                f'where is sensor "{sensor.name}"? Give waypoints or a track along which it moves, or watch.at, or at in its '
+                "[[sensor]] table"
+            )
+        if self.watch.at is not None and isinstance(sensor.sees, Sonar) and len(sensor.sees.gain.bearing) > 1:
+            raise ValueError(
+                f'sensor "{sensor.name}" has an array, which has a heading: give waypoints or a track along which it moves, or '
+                "at and heading in its [[sensor]] table"
+            )
+        return sensor.place or self.watch.at
+
     def _place(
-        self, start: np.datetime64 | None, end: np.datetime64 | None, run: Run
+        self,
+        start: np.datetime64 | None,
+        end: np.datetime64 | None,
+        run: Run,
+        stands: tuple[float, float] | None,
     ) -> tuple[Area | None, Legs | None]:
         """Return the area and the legs that were made good."""
         since = None if start is None else float(notation.epoch(start))
@@ -236,10 +280,10 @@ class SortieTable(SensorTable):
             return None, track_table.cut(legs, self.completed, until)
         if since is None:
             raise ValueError("start is missing and has no default")
-        if self.watch is not None and self.watch.at is not None:
+        if stands is not None:
             if until is None:
                 raise ValueError("end is missing and has no default: a watch lasts until it")
-            lon, lat = self.watch.at
+            lon, lat = stands
             return None, Legs((since, until), (lon, lon), (lat, lat), (True,))
         if self.pattern is not None:
             assert self.speed is not None  # one_search
@@ -299,7 +343,7 @@ class SortieTable(SensorTable):
         """Return the speed [m/s], that of the legs where none is given; NaN where neither is known."""
         if self.speed is not None:
             return self.speed
-        if legs is None or (self.watch is not None and self.watch.at is not None):
+        if legs is None or (self.watch is not None and len({*zip(legs.lon, legs.lat, strict=True)}) == 1):
             return math.nan
         return float(polyline.lengths(legs).sum()) / (legs.time[-1] - legs.time[0])
 

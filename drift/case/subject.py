@@ -167,6 +167,7 @@ def _scenario(
         motion=PARAMETERS[table.motion](table),
         survival=alive,
         itinerary=itinerary,
+        source_level=table.source_level,
     )
 
 

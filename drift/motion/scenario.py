@@ -146,6 +146,8 @@ class Scenario:
     survival: Survival | None = None
     itinerary: Itinerary | None = None  # how it steers until its distress; None: it is adrift from the first
     family: InFamily | None = None  # where it stands in its family; None: it is in none
+    # How loud it is to a passive sonar [dB re 1 uPa at 1 m], or rows of speed [m/s] and level; None: not told.
+    source_level: float | tuple[tuple[float, float], ...] | None = None
 
     @property
     def models(self) -> tuple[str, ...]:

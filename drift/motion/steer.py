@@ -18,9 +18,10 @@ from drift.motion.period import Period
 from drift.particles.ensemble import NEVER, Column, Device, Ensemble
 from geo.array import Array
 from kernels import advance as kernel
-from kernels import batch, felt, observe_targets, runtime, steer, sweep_targets
+from kernels import batch, felt, listen_targets, observe_targets, runtime, steer, sweep_targets
 from kernels.batch import Batch
 from kernels.coast import DeviceCoast
+from kernels.listen import Stretch, Tables
 from kernels.observe import Shape, Window
 from kernels.pieces import Room
 from kernels.sweep import Track
@@ -137,6 +138,22 @@ class Helm:
         sweep_targets.expose(
             self._made(kept, step), own, e.scenario, e.seed, step, kind, track, table, scale, unit, exposure,
             passed, (e.status, e.status_since), shore,
+        )  # fmt: skip
+
+    def listen(
+        self,
+        kept: Mapping[str, Device],
+        step: kernel.Step,
+        stretch: Stretch,
+        tables: Tables,
+        offsets: Array,
+        silent: tuple[Device, Device, Device],
+    ) -> None:
+        """Have a sonar listen for targets on a stretch of the step just made: see kernels.listen_targets.steering."""
+        e = self._ensemble
+        listen_targets.steering(
+            self._made(kept, step), self.batch, e.scenario, e.seed, step, stretch, tables, offsets, silent,
+            (e.status, e.status_since),
         )  # fmt: skip
 
     def born(self, tries: Device) -> None:

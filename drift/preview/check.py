@@ -166,6 +166,9 @@ def _sensor(what: Look | Presence | Barrier | Line) -> str:
         return f"{len(what.points)} points; its first crossing is told"
     if isinstance(what, Look):
         sees = "something" if what.positive else "nothing"
+        if what.field is None:
+            assert what.sensor is not None
+            return f'sensor "{what.sensor.name}", {notation.group(what.time)}, sees {sees}'
         return f"{_field(what.field)}, {notation.group(what.time)}, {what.sight.kind.replace('_', ' ')}, sees {sees}"
     span = f"{notation.group(what.start)} to {notation.group(what.end)}, detection {what.detection:g}"
     if isinstance(what, Presence):
@@ -182,9 +185,12 @@ def _field(field: Field) -> str:
 
 def _sortie(sortie: Sortie) -> str:
     """Return what a sortie searched, when, and how well."""
-    kind = "a watch" if sortie.watch else "an area" if sortie.legs is None else _legs(sortie.search_legs)
+    kind = "a watch" if sortie.watches else "an area" if sortie.legs is None else _legs(sortie.search_legs)
     law = sortie.law.kind.replace("_", " ")
-    if sortie.watch:
+    if sortie.sensor:
+        some = f" by beams {', '.join(str(beam + 1) for beam in sortie.beams)}" if sortie.beams else ""
+        how = f'sensor "{sortie.sensor.name}"{some}'
+    elif sortie.watch:
         zones = zip(sortie.watch.inner, sortie.watch.outer, sortie.watch.pod, strict=True)
         how = "zones " + ", ".join(f"{a / NMI:g} to {b / NMI:g} nmi {pod:.0%}" for a, b, pod in zones)
     elif sortie.coverage:

@@ -102,6 +102,11 @@ class SortieExposure:
             self._ways += own if many > 1 else self._shown[-1:]
 
     @property
+    def key(self) -> tuple[str, float]:
+        """What sorties have in common that share an unknown factor of sweep width."""
+        return self.sortie.group, self.sortie.shape
+
+    @property
     def _kind(self) -> int:
         """What its exposure adds up."""
         if self.sortie.watch:

@@ -25,10 +25,11 @@ from drift.particles.columns import Columns
 from drift.particles.ensemble import Ensemble
 from drift.particles.status import STRANDED, Status, on_map
 from drift.search import contacts as contact_laws
-from drift.search import crossings, debris, looks, overdue
+from drift.search import crossings, debris, looks, overdue, sight
 from drift.search.account import Account, Event, Noted
 from drift.search.crossings import Watched
-from drift.search.exposure import Exposed, SortieExposure
+from drift.search.exposure import SortieExposure
+from drift.search.listening import Listening
 from drift.search.markers import Marker
 from drift.search.meeting import Alone, Drawn, Meeting, Redrawing
 from drift.search.observers import Observers
@@ -39,6 +40,7 @@ from kernels import runtime
 from kernels.advance import Step
 
 Device = Any
+Flown = SortieExposure | Listening
 
 
 class OnHost:
@@ -85,6 +87,7 @@ class Search:
         self._start = spec.period.epoch
         self._all = exposures(spec, sorties, scene)
         self._waiting = list(self._all)
+        self._factors = {flown.key: len(flown.factors) for flown in self._all}  # values that stand for each unknown
         self._contacts = [
             (spec.period.elapsed(contact.time), number, contact) for number, contact in enumerate(contacts)
         ]
@@ -92,6 +95,9 @@ class Search:
         self._step: Step | None = None
         self._begin: Begin | None = None  # where the particles began the present step
         self._looks = [(spec.period.elapsed(look.time), look) for look in sensors.looks]
+        self._factors |= {
+            sight.key(look.sensor): len(sight.chances(look.sensor)) for look in sensors.looks if look.sensor
+        }
         self._observers = Observers(spec, sensors, ensemble, scene)
         heard = [*known, *sensors.times, *(contact.time for contact in contacts)]
         heard += [time for sortie in sorties for time in (sortie.start, sortie.end)]
@@ -162,17 +168,16 @@ class Search:
         if kind == "sortie":
             return self._all[int(which[0])].ready(self.ensemble, self._scene.steering is not None).columns[which[1]]
         if kind == "shared":
-            number = int(which[0])
-            factors = next(len(f.factors) for f in self._all if _group_of(f.sortie) == self._groups[number])
-            return self._shared.setdefault(self._groups[number], runtime.empty(self.ensemble.n * factors))
+            key = self._groups[int(which[0])]
+            return self._shared.setdefault(key, runtime.empty(self.ensemble.n * self._factors[key]))
         if kind == "sensor":
             return self._observers.column(int(which[0]), int(which[1]))
         return self._held.setdefault(kind, OnHost(np.empty(0)))
 
     @property
     def _groups(self) -> list[tuple[str, float]]:
-        """The groups of sorties that share an unknown factor."""
-        return list(dict.fromkeys(_group_of(flown.sortie) for flown in self._all))
+        """The groups of sorties and looks that share an unknown."""
+        return list(self._factors)
 
     def resume(self, time: int) -> None:
         """Go on from a time at which a step begins: sorties that were over by then are past [s after start]."""
@@ -194,6 +199,7 @@ class Search:
         end = elapsed + duration
         debris = any(beside.last > elapsed for beside in self._debris.values())
         moving = any(elapsed < when <= end and contact.moves for when, _, contact in self._contacts)
+        moving |= any(elapsed < when <= end and sight.by_speed(look.sensor) for when, look in self._looks)
         return bool(under_way) or debris or moving or self._observers.looking(elapsed + duration)
 
     def moved(self, begin: Begin | None) -> None:
@@ -210,11 +216,11 @@ class Search:
         self._step = step
         self._observers.before(step)
 
-    def _flown(self, until: int) -> list[SortieExposure]:
+    def _flown(self, until: int) -> list[Flown]:
         """Return the sorties that have begun before a time and are not over."""
         return [flown for flown in self._waiting if flown.begin < until]
 
-    def _exposed(self, flown: SortieExposure, until: int, keep: bool) -> Exposed:
+    def _exposed(self, flown: Flown, until: int, keep: bool) -> Any:
         assert self._begin is not None
         assert self._step is not None
         return flown.expose(self.ensemble, self._begin, self._scene.helm(self.ensemble), self._step, until, keep)
@@ -232,8 +238,7 @@ class Search:
             self._fail(flown)
             self._waiting.remove(flown)
             flown.exposed = None
-            if all(other.sortie.group != flown.sortie.group for other in self._waiting):
-                self._shared.pop(_group_of(flown.sortie), None)
+            self._forget(flown.key)
         for when, number, contact in [c for c in self._contacts if c[0] == time]:
             self._contacts.remove((when, number, contact))
             self._see(contact, number, time, place)
@@ -249,7 +254,19 @@ class Search:
             assert likelihood is not None
             self._tell(seen.what.name, seen.kind, time, likelihood, seen.positive)
 
-    def _fail(self, flown: SortieExposure) -> None:
+    def _forget(self, key: tuple[str, float]) -> None:
+        """Let go of the misses of a group of which nobody is to come."""
+        if key not in self._keys():
+            self._shared.pop(key, None)
+
+    def _keys(self) -> dict[tuple[str, float], int]:
+        """How many values stand for the unknown of each group of which something is to come."""
+        keys = {flown.key: len(flown.factors) for flown in self._waiting}
+        return keys | {
+            sight.key(look.sensor): len(sight.chances(look.sensor)) for _, look in self._looks if look.sensor
+        }
+
+    def _fail(self, flown: Flown) -> None:
         """Change weights because a sortie found nothing."""
         sortie, exposed = flown.sortie, self._exposed(flown, flown.end, keep=True)
         before = self.ensemble.log_weight.to_numpy()
@@ -295,8 +312,25 @@ class Search:
     def _look(self, look: Look, time: int, place: PositionsAt) -> None:
         """Change weights by what a look saw or did not see."""
         lon, lat = place(self.ensemble, self._scene, None, time)
-        there = on_map(life.read(self.ensemble).at(time))
-        self._tell(look.name, "look", time, looks.log_likelihood(look, lon, lat, there), look.positive)
+        status = life.read(self.ensemble).at(time)
+        if look.sensor is None:
+            self._tell(look.name, "look", time, looks.log_likelihood(look, lon, lat, on_map(status)), look.positive)
+            return
+        speed = np.zeros(lon.shape)
+        if sight.by_speed(look.sensor):
+            assert self._begin is not None
+            assert self._step is not None
+            speed = np.hypot(*self._scene.velocity(self.ensemble, self._begin, self._step, time))
+        source = sight.Targets(lon, lat, self.ensemble.scenario.to_numpy(), speed, status)
+        said = sight.log_likelihood(look, source)
+        chances = sight.chances(look.sensor)
+        if len(chances) == 1:
+            self._tell(look.name, "look", time, said[0], look.positive)
+            return
+        key = sight.key(look.sensor)
+        shared = self._shared.setdefault(key, runtime.empty(self.ensemble.n * len(chances)))
+        self._tell(look.name, "look", time, sight.together(said, shared, chances), look.positive)
+        self._forget(key)
 
     def _tell(
         self,
@@ -340,7 +374,7 @@ class Search:
             only = np.asarray(self.ensemble.log_weight.to_numpy())
             return only if said is None else (only + said).astype(np.float32)
         weight = runtime.copy(self.ensemble.log_weight)
-        groups = {_group_of(flown.sortie) for flown in under_way}
+        groups = {flown.key for flown in under_way}
         shared = {key: runtime.copy(column) for key, column in self._shared.items() if key in groups}
         for flown in under_way:
             flown.fail(self.ensemble, self._exposed(flown, time, keep=False), self._group(flown, shared), weight)
@@ -406,26 +440,26 @@ class Search:
         held = self._held.get("lineage")
         return None if held is None else held.values
 
-    def _group(self, flown: SortieExposure, columns: dict[tuple[str, float], Device]) -> Device:
+    def _group(self, flown: Flown, columns: dict[tuple[str, float], Device]) -> Device:
         """Return the columns of the misses that share a sortie's unknown factor of sweep width."""
         if len(flown.factors) == 1:
             return self.ensemble.log_weight  # the kernel reads no group then, so any column will do
-        key = _group_of(flown.sortie)
+        key = flown.key
         if key not in columns:
             columns[key] = runtime.empty(self.ensemble.n * len(flown.factors))
         return columns[key]
 
 
-def exposures(spec: EnsembleSpec, sorties: Sequence[Sortie], scene: Scene) -> list[SortieExposure]:
+def exposures(spec: EnsembleSpec, sorties: Sequence[Sortie], scene: Scene) -> list[Flown]:
     """Return sorties made ready to be flown in a scene."""
     seas = scene.seas("current")
     members = [scene.forcing.members(sea[0], "current") for sea in seas]
-    return [SortieExposure(sortie, spec.period.epoch, seas, members) for sortie in sorties]
-
-
-def _group_of(sortie: Sortie) -> tuple[str, float]:
-    """Return what sorties have in common that share an unknown factor of sweep width."""
-    return sortie.group, sortie.shape
+    return [
+        Listening(sortie, spec.period.epoch)
+        if sortie.sensor is not None
+        else SortieExposure(sortie, spec.period.epoch, seas, members)
+        for sortie in sorties
+    ]
 
 
 def living(ensemble: Ensemble) -> list[int]:

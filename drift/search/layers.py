@@ -153,7 +153,7 @@ def extent(sorties: Sequence[Sortie]) -> list[marks.Line]:
     """Return what a chart must show of sorties: areas and searching legs, but no transits and no zones."""
     lines = []
     for sortie in sorties:
-        shapes = [points for searching, points in search_shapes.flown(sortie) if searching and sortie.watch is None]
+        shapes = [points for searching, points in search_shapes.flown(sortie) if searching and not sortie.watches]
         shapes += [
             ring for time in (sortie.start, sortie.end) if (ring := search_shapes.searched(sortie, time)) is not None
         ]
@@ -164,9 +164,7 @@ def extent(sorties: Sequence[Sortie]) -> list[marks.Line]:
 def _stands(sortie: Sortie) -> bool:
     """Whether a sortie is a watch at one place: its legs go nowhere."""
     return (
-        sortie.watch is not None
-        and sortie.legs is not None
-        and len({*zip(sortie.legs.lon, sortie.legs.lat, strict=True)}) == 1
+        sortie.watches and sortie.legs is not None and len({*zip(sortie.legs.lon, sortie.legs.lat, strict=True)}) == 1
     )
 
 

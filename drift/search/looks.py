@@ -19,6 +19,7 @@ def log_likelihood(look: Look, lon: Array, lat: Array, there: Array) -> Array:
 
     lon, lat: binary angles; there: whether the object was there to be seen, bool (n,).
     """
+    assert look.field is not None
     chance = np.where(there, SIGHTS[look.sight.kind](look.sight, distance(look.field, lon, lat)), 0.0)
     return said(chance, look.positive, 1.0, look.false_alarms)
 

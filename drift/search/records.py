@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from drift.motion.leeway import Drifter
+from drift.sensors.records import Sensor
 from geo.polyline import Area, Legs
 
 Kind = Literal["sortie", "contact", "look", "presence", "barrier", "overdue"]  # what changes weights
@@ -54,6 +55,8 @@ class Sortie:
     coverage: tuple[float, ...] = ()  # C = W v t / A, one per scenario; of an area without legs
     legs: Legs | None = None  # tracks made good; of a watch, where its sensor was
     watch: Watch | None = None
+    sensor: Sensor | None = None  # with which it watches, in place of zones
+    beams: tuple[int, ...] = ()  # numbers of the beams of its array that were processed, from 0; (): all
     completed: float = 1.0  # share of the effort that was spent; legs are already cut
     ashore: bool = True  # whether it sees what lies ashore or has run aground
     frame: Literal["ground", "datum"] = "ground"  # "datum": area and legs drift with a marker
@@ -67,6 +70,11 @@ class Sortie:
     coverage_under_way: tuple[float, ...] = ()  # as coverage, while it is under way
     planned: bool = False  # it is still to be flown
     crossed: bool = False  # whether every other leg, from the second on, is a cross leg, which crews do not count
+
+    @property
+    def watches(self) -> bool:
+        """Whether it is a watch: it sees by range or place, and not by sweeping."""
+        return self.watch is not None or self.sensor is not None
 
     @property
     def status(self) -> str:
@@ -150,14 +158,18 @@ class Sight:
 
 @dataclass(frozen=True)
 class Look:
-    """A look at a field at one time, which saw something or nothing."""
+    """A look at a field, or round a sensor, at one time, which saw something or nothing."""
 
     name: str
     time: np.datetime64
-    field: Field
+    field: Field | None  # None: a sensor says how it sees
     positive: bool
     sight: Sight = Sight()
     false_alarms: float = 0.0  # probability of seeing something where there is nothing
+    sensor: Sensor | None = None
+    beams: tuple[int, ...] = ()  # of its array that were processed, from 0; (): all
+    place: tuple[float, float] | None = None  # (lon, lat) [deg] of the sensor
+    heading: float = 0.0  # [rad] true, of its array
 
 
 @dataclass(frozen=True)

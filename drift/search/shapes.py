@@ -24,6 +24,7 @@ NEAR_ALL = 0.95  # share of a contact's error that its shape holds
 IN_PLANE = math.sqrt(-2 * math.log(1 - NEAR_ALL))  # standard deviations: Rayleigh's quantile
 ON_LINE = 1.959964  # normal's two-sided quantile
 FARTHEST = 100 * 1852.0  # [m] to which a bearing without a far end is drawn
+MARK = 2000.0  # [m] radius of the circle that stands for a sensor
 
 
 def epoch(time: np.datetime64) -> float:
@@ -115,7 +116,11 @@ def sensor(what: Look | Presence | Barrier | Line) -> Array:
     if isinstance(what, Barrier | Line):
         lon, lat = np.array(what.points).T
         return curve(lon, lat)
+    if isinstance(what, Look) and what.field is None:
+        assert what.place is not None
+        return circle(*what.place, MARK)
     field = what.field
+    assert field is not None
     if field.radius > 0:
         return circle(field.lon, field.lat, field.radius)
     x, y = np.array([-1, 1, 1, -1, -1]) * field.width / 2, np.array([-1, -1, 1, 1, -1]) * field.height / 2

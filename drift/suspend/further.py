@@ -74,7 +74,7 @@ def size(area: Area) -> float:
 
 def effort(sortie: Sortie) -> Array | None:
     """Return the area that a sortie swept for each scenario's object, W v t [m2], (S,); None for a watch."""
-    if sortie.watch is not None:
+    if sortie.watches:
         return None
     if sortie.legs is not None:
         legs = sortie.legs

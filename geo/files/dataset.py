@@ -65,12 +65,13 @@ def title(paths: Sequence[str | os.PathLike[str]]) -> str:
     return first if len(paths) <= 1 else f"{first} and {len(paths) - 1} more"
 
 
-def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT) -> xr.Dataset:
+def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT, mend: str = "") -> xr.Dataset:
     """Return one file's dataset, with fill values and packing resolved but times as they are stored.
 
-    timeout: how long the server of an address may leave a question unanswered [s].
+    timeout: how long the server of an address may leave a question unanswered [s]; mend: what a user does about a wrong
+    path that no source of a quantity names.
     """
-    where = f"set {key(path, quantity)}"
+    where = mend or f"set {key(path, quantity)}"
     if remote(path):
         fence.check_address(path)
     else:
@@ -151,10 +152,11 @@ def _why(path: str, error: Exception) -> str:
 
 
 @contextmanager
-def readable(paths: Paths, quantity: str) -> Iterator[None]:
+def readable(paths: Paths, quantity: str, mend: str = "") -> Iterator[None]:
     """Turn what libraries raise over a damaged file, when it is opened or later, into one line with its path.
 
     Headers are read when a file is opened, attributes and coordinates when they are asked for; either may be damaged.
+    mend: see `open_one`.
     """
     try:
         yield
@@ -167,7 +169,7 @@ def readable(paths: Paths, quantity: str) -> Iterator[None]:
         named = ", ".join(f'"{os.fspath(path)}"' for path in listed)
         reason = f"{type(error).__name__}: {_one_line(error)}"
         raise UserError(
-            f"{named[:500]}: cannot be read, truncated or damaged ({reason}); set [[{quantity}]] files"
+            f"{named[:500]}: cannot be read, truncated or damaged ({reason}); {mend or f'set [[{quantity}]] files'}"
         ) from error
 
 

@@ -220,7 +220,7 @@ def _sort_dims(
             f"{path}: {describe_dims(data, name)} is no field over longitude and latitude; "
             f"set variables = {{ lon = ..., lat = ... }} to those of its points"
         )
-    if horizontal == 2 and _lat_last(data, rest):
+    if horizontal == 2 and lat_last(data, rest):
         rest = rest[::-1]
     return tuple(rest), fixed, member
 
@@ -246,7 +246,7 @@ def _has_axis(data: xr.Dataset, dim: str) -> bool:
     return bool(naming.LON.match(dim) or naming.LAT.match(dim) or dim.lower() in ("x", "y"))
 
 
-def _lat_last(data: xr.Dataset, dims: Sequence[str]) -> bool:
+def lat_last(data: xr.Dataset, dims: Sequence[str]) -> bool:
     """Whether a variable is stored (lon, lat) instead of (lat, lon)."""
 
     def says(dim: str, pattern: Any, standard: str, axis: str) -> bool:

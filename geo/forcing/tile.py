@@ -62,7 +62,7 @@ def make(components: tuple[Component, Component], layouts: tuple[Layout, Layout]
     """Return the tile for two components and their (cropped) points. axes: "true", "grid" or "?"."""
     first, second = layouts
     notes: list[str] = []
-    grid = _regular(first, second)
+    grid = regular(first, second)
     matrices = None
     if grid is None:
         grid, coarser = target.choose(layouts, box)
@@ -112,7 +112,7 @@ def _together(first: Layout, second: Layout) -> bool:
     return all(a.shape == b.shape and np.allclose(a, b, atol=1e-6, equal_nan=True) for a, b in pairs)
 
 
-def _regular(first: Layout, second: Layout) -> Grid | None:
+def regular(first: Layout, second: Layout) -> Grid | None:
     """Return the regular grid that both layouts are already, None where they are not."""
     if not (isinstance(first, Axes) and isinstance(second, Axes)):
         return None

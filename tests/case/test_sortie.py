@@ -430,7 +430,7 @@ SORTIES = {
     "legs faster than the unit": (WIDTH + TIMED + 'speed = "12 kn"\n', "is made at 15 kn; its speed is 12 kn"),
     "legs faster than any": (WIDTH + TIMED.replace("27 45N", "37 45N"), "is made at 615 kn; no unit searches at that"),
     "no track": (WHEN + WIDTH + 'track = "none.gpx"\n', 'track: no file "none.gpx"'),
-    "a watch without zones": (WHEN + 'watch = { at = "27 30N 088 00W" }\n', "watch.zones: is missing"),
+    "a watch without zones": (WHEN + 'watch = { at = "27 30N 088 00W" }\n', "watch: zones or sensor"),
     "a watch in two places": (WHEN + WATCH + TIMED, "exactly one place"),
     "a watch nowhere": (WHEN + WATCH.replace('at = "27 30N 088 00W", ', ""), "exactly one place"),
     "a watch with a law": (WHEN + WATCH + 'law = "random"\n', "law does not belong to a watch"),

@@ -1,0 +1,158 @@
+"""A passive sonar that listens for a time and hears nothing: what that makes of the weights.
+
+It has the manners of drift.search.exposure, whose place it takes for sorties with such a sensor.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drift.motion.forcing import Forcing
+from drift.motion.scene import Begin
+from drift.motion.steer import Helm
+from drift.particles.ensemble import Ensemble
+from drift.search import sensor_path
+from drift.search.markers import Marker
+from drift.search.records import Sortie
+from drift.sensors import unknown
+from drift.sensors.hearing import Ear
+from drift.sensors.records import Sonar
+from geo import notation, sphere
+from geo.array import Array
+from kernels import listen, runtime, sweep
+from kernels.advance import Step
+from kernels.listen import Stretch
+
+Device = Any
+
+HEARD = 0.01  # chance of having been heard from which on a particle counts as one that was listened for
+
+
+@dataclass(frozen=True)
+class Silent:
+    """What a sonar keeps of each particle, on the device: see kernels.listen."""
+
+    log_missed: Device  # (factors * n,)
+    edges: Device  # (STAIRS * factors * n,)
+    held: Device
+
+    @property
+    def columns(self) -> dict[str, Device]:
+        """Its columns by name."""
+        return dict(vars(self))
+
+    def copy(self) -> "Silent":
+        """Return a copy."""
+        return Silent(*(runtime.copy(column) for column in vars(self).values()))
+
+
+class Listening:
+    """One watch of a sonar in one run; times are seconds after the run's start."""
+
+    def __init__(self, sortie: Sortie, start: int) -> None:
+        """Make ready; start: of the run [s since 1970]."""
+        assert sortie.sensor is not None
+        assert isinstance(sortie.sensor.sees, Sonar)
+        assert sortie.legs is not None
+        self.sortie, self._start = sortie, start
+        self.begin, self.end = notation.epoch(sortie.start) - start, notation.epoch(sortie.end) - start
+        self._ear = Ear(sortie.sensor.sees, sortie.beams)
+        sonar = sortie.sensor.sees
+        self.factors, self.chances = unknown.offsets(sonar.unknown, sonar.fluctuation)
+        self._path = sensor_path.of_legs(sortie.legs, start)
+        self._seen = self.begin  # the time [s] up to which its columns count
+        self.exposed: Silent | None = None  # what it has done to each particle; None: nothing yet
+
+    @property
+    def key(self) -> tuple[str, float]:
+        """What watches and looks have in common that share an unknown."""
+        return self.sortie.group, self._ear.sonar.unknown
+
+    @property
+    def markers(self) -> list[Marker]:
+        """It drifts with none."""
+        return []
+
+    def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
+        """Do nothing: it is over the ground."""
+
+    def as_flown(self, scenario: int, start: int) -> Sortie:
+        """Return the sortie."""
+        return self.sortie
+
+    def ready(self, ensemble: Ensemble, steers: bool) -> Silent:
+        """Return what it has done to particles, nothing as yet."""
+        if self.exposed is None:
+            columns = listen.columns(ensemble.n, len(self.factors))
+            self.exposed = Silent(**{name: runtime.upload(column) for name, column in columns.items()})
+        return self.exposed
+
+    def expose(
+        self, ensemble: Ensemble, begin: Begin, helm: Helm | None, step: Step, until: int, keep: bool = True
+    ) -> Silent:
+        """Return what it has done to each particle until a time within the step that was just made.
+
+        begin: where particles began the step; helm: what steers them. keep: whether its own columns change.
+        """
+        exposed = self.ready(ensemble, helm is not None)
+        first, last = max(self._seen, step.elapsed, self.begin), min(until, self.end)
+        if first >= last:
+            return exposed
+        if keep:
+            self._seen = last
+        else:
+            exposed = exposed.copy()
+        track = self._path.between(first, last, step.elapsed, None, (0.0, 0.0))
+        if track is None:
+            return exposed
+        scenarios, kept = tuple(range(len(ensemble.scenarios))), tuple(exposed.columns.values())
+        steered = helm.some(scenarios) if helm and begin.helm else None
+        for k, seeks in enumerate(track.searching):
+            stretch = Stretch(*track.time[k : k + 2].tolist(), *_places(track.place, k))
+            tables = self._tables(stretch, step.elapsed, track.course[4 * k : 4 * k + 4])
+            if not seeks:
+                tables = tables._replace(gains=np.full(1, -math.inf, np.float32))
+            if steered and begin.helm:
+                steered.listen(begin.helm, step, stretch, tables, self.factors, kept)
+            before = begin.lon, begin.lat
+            own = ensemble.batch(scenarios)
+            listen.drifting(ensemble, own, before, step.elapsed, step.duration, stretch, tables, self.factors, kept)
+        return exposed
+
+    def _tables(self, stretch: Stretch, elapsed: int, course: Array) -> listen.Tables:
+        """Return the tables of its sonar in the middle of a stretch of its way."""
+        sensor = self.sortie.sensor
+        assert sensor is not None
+        lon, lat = (a + 0.5 * sphere.wrap(b - a) for a, b in zip(*_radians(stretch), strict=True))
+        heading = sensor.heading
+        if sensor.place is None:
+            east, north = course[0] + course[2], course[1] + course[3]
+            heading = math.atan2(east, north)
+        middle = self._start + elapsed + round(0.5 * (stretch.begin + stretch.end))
+        return self._ear.tables(float(lon), float(lat), heading, np.datetime64(middle, "s"))
+
+    def fail(self, ensemble: Ensemble, exposed: Silent, shared: Device, log_weight: Device) -> None:
+        """Multiply weights by the chance that it has heard nothing of each particle, in place.
+
+        shared: logs of these by value of the unknown, of all watches and looks so far that share it.
+        """
+        ones = np.ones((len(ensemble.scenarios), len(self.factors)))
+        sweep.fail(ensemble.scenario, sweep.MISS, exposed.log_missed, ones, self.chances, shared, log_weight)
+
+    def searched(self) -> Array:
+        """Return which particles it listened for, 1 or 0, float64 (n,): those that it would have heard once in 100."""
+        assert self.exposed is not None
+        chances = np.log(self.chances)[:, None] + self.exposed.log_missed.to_numpy().reshape(len(self.factors), -1)
+        return np.asarray(np.logaddexp.reduce(chances, axis=0) < math.log1p(-HEARD), np.float64)
+
+
+def _places(place: Array, k: int) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return where piece k of a track begins and ends [binary angle]."""
+    at = place[2 * k : 2 * k + 4].tolist()
+    return (at[0], at[1]), (at[2], at[3])
+
+
+def _radians(stretch: Stretch) -> tuple[Array, Array]:
+    return np.array(stretch.place) * sphere.UNIT, np.array(stretch.to) * sphere.UNIT
