@@ -16,7 +16,7 @@ drift.verify(case, "drifters.csv", out="results")  # forecasts of real drifters,
 drift.fit_errors(case, "drifters.csv")  # the errors of a case that suit drifters: see drift.fit_errors
 drift.fetch("my.toml", out="forcing")  # winds and currents for a case from providers; see drift fetch --list
 drift.check(case)                   # how a case was understood, nothing run
-plan, result = drift.plan(case)     # the next search by the case's units; of a spill: drift.patrol
+plan, result = drift.plan(case)     # the next search by the case's units; of a spill: drift.patrol; of towed arrays: drift.place
 drift.serve("cases")                # edit, run and read cases in the browser
 drift.origin(case)                  # of a spill: where it may have come from, backward from its finds
 """
@@ -28,6 +28,7 @@ from geo.errors import UserError
 # Where public names live. Each is imported at its first use (Scientific Python's SPEC 1), so that `drift --help` does
 # not wait for Taichi; their types stand in __init__.pyi.
 _HOMES = {
+    "arrays.planner": ["place"],
     "case.file": ["load", "vary"],
     "case.record": ["Case"],
     "cli.progress": ["progress"],

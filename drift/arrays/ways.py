@@ -1,7 +1,9 @@
 """Ways on which a ship may tow its array: one leg or two, from a place where it may begin."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import shapely
@@ -11,6 +13,7 @@ from drift.search import sensor_path
 from drift.sensors.records import Tow
 from geo import notation, sphere
 from geo.array import Array
+from geo.box import Box
 from geo.polyline import Area, Legs
 
 LEAST_TIME = 1800.0  # [s] of listening, without which a way is none
@@ -85,6 +88,28 @@ def sea(tow: Tow, begin: float, until: float) -> Sea:
     """Return where and when a ship may tow between two times [s since 1970]."""
     allowed = region(tow.allowed) if tow.allowed is not None else None
     return Sea(tow, max(begin, float(notation.epoch(tow.ready))), until, region(tow.begin), allowed)
+
+
+def ashore(sea: Sea, lands: Callable[[Box], Any]) -> Sea:
+    """Return where and when a ship may tow off a coast; lands: gives its polygons [deg] in a box."""
+    reach = sea.tow.speed * min(max(sea.until - sea.begin, 0.0), sea.tow.endurance)
+    west, south, east, north = sea.begins.shape.bounds
+    x, y = (np.array([low - reach, 0.5 * (low + high), high + reach]) for low, high in ((west, east), (south, north)))
+    lon, lat = (v.ravel() for v in sphere.destination(*sea.middle, *np.meshgrid(x, y)))
+    centre = math.degrees(sea.middle[0])
+    off = np.degrees(sphere.wrap(lon - sea.middle[0]))
+    box = Box(
+        centre + float(off.min()), float(np.degrees(lat.min())), centre + float(off.max()), float(np.degrees(lat.max()))
+    )
+    flat = [
+        shapely.transform(polygon, lambda xy: np.column_stack(sphere.offset(*sea.middle, *np.radians(xy).T)))
+        for polygon in lands(box)
+    ]
+    if not flat:
+        return sea
+    land = shapely.union_all([shapely.make_valid(polygon) for polygon in flat])
+    shapely.prepare(land)
+    return replace(sea, land=land)
 
 
 def on_course(tow: Tow, course: Array) -> NDArray[np.bool_]:

@@ -15,6 +15,7 @@ from drift.case import presence as presence_table
 from drift.case import sonar as sonar_table
 from drift.case import sortie as sortie_table
 from drift.case import sources, subject, uncertainty, units
+from drift.case import tow as tow_table
 from drift.case.context import Run
 from drift.case.mistakes import Mistakes
 from drift.case.record import Case, Depth
@@ -25,6 +26,7 @@ from drift.environment.forcing_spec import Forcing, ForcingSpec
 from drift.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
 from drift.motion.scenario import Scenario
 from drift.search.records import Contact, PlanSpec, Sensors, Sortie, Unit
+from drift.sensors.records import Tow
 from drift.spill.records import Spill
 from geo import notation
 from geo.errors import UserError
@@ -44,6 +46,7 @@ class _Search(NamedTuple):
     sensors: Sensors = Sensors()
     units: tuple[Unit, ...] = ()
     plan: PlanSpec | None = None
+    tows: tuple[Tow, ...] = ()
 
 
 def build(table: CaseTable, path: Path, text: str) -> Case:
@@ -96,6 +99,7 @@ def build(table: CaseTable, path: Path, text: str) -> Case:
         plan=search.plan,
         resampling=table.resampling.resampling(),
         expect=table.expect,
+        tows=search.tows,
         depth=depth,
         opens=opens,
     )
@@ -202,7 +206,7 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
     sensors = _sensors(table, run, wrong)
     with wrong.gathered():
         plan = table.plan.spec(
-            run, sorties, contacts, sensors, asked=bool(table.unit) or "plan" in table.model_fields_set
+            run, sorties, contacts, sensors, asked=bool(table.unit or table.tow) or "plan" in table.model_fields_set
         )
     # Without a plan, units are held against the longest that the run allows, so that their own mistakes show.
     longest = PlanSpec(run.start, run.end, "pos", 0.0, 1, plan_table.LEAST)
@@ -211,7 +215,15 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
     if len(wrong.lines) == before:
         with wrong.gathered():
             plan_table.check_groups(sorties, fleet)
-    return _Search(sorties, contacts, sensors, fleet, plan)
+    tows: tuple[Tow, ...] = ()
+    with wrong.gathered():
+        tows = tow_table.build(table.tow, run, plan or longest)
+    if fleet and tows:
+        wrong.lines.append(
+            "[[unit]] and [[tow]]: a plan is of units that search, or of ships that tow arrays; plan one, append its sorties to the "
+            "case, and plan the other"
+        )
+    return _Search(sorties, contacts, sensors, fleet, plan, tows)
 
 
 def _sensors(table: CaseTable, run: Run, wrong: Mistakes) -> Sensors:
@@ -238,7 +250,7 @@ def _opens(table: CaseTable, search: _Search, wrong: Mistakes) -> np.datetime64 
         with wrong.gathered():
             return _within("output.datum", units.resolve(table.output.datum, start), start, end)
         return None
-    planned = bool(table.unit) or "plan" in table.model_fields_set
+    planned = bool(table.unit or table.tow) or "plan" in table.model_fields_set
     if planned and search.plan is not None and search.plan.begin > start:
         return search.plan.begin
     return max((sortie.end for sortie in search.sorties), default=None)

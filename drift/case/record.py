@@ -16,6 +16,7 @@ from drift.motion.forcing_error import Errors, ForcingError
 from drift.motion.period import Period
 from drift.motion.scenario import Scenario
 from drift.search.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit
+from drift.sensors.records import Tow
 from drift.spill.records import Spill
 from geo import notation
 from geo.box import Box
@@ -68,6 +69,7 @@ class Case:
     expect: Expect
     sensors: Sensors = field(default_factory=Sensors)  # looks, fields, barriers, lines
     about: Mapping[str, str] = field(default_factory=dict)  # attributes that every file is to carry
+    tows: tuple[Tow, ...] = ()  # ships that tow arrays, which a plan may place
     depth: Depth | None = None  # where boats have too little water
     inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
     counts: tuple[int, ...] | None = None  # particles of each scenario; None: by their weights

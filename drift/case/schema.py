@@ -25,6 +25,7 @@ from drift.case.sonar import NamedSensorTable
 from drift.case.sortie import SortieTable
 from drift.case.sources import SourceTable
 from drift.case.spill import FindTable, PatrolTable, PatrolUnitTable, SpillTable
+from drift.case.tow import TowTable
 from drift.case.uncertainty import Uncertainty, UncertaintyTable
 from drift.forecast import shares
 from geo import notation, sphere
@@ -39,6 +40,7 @@ SEARCH = (
     "barrier",
     "line",
     "unit",
+    "tow",
 )  # tables of a search for one object
 MOST_PARTICLES = 2**31 - 1  # they are numbered in 32 bits
 
@@ -236,6 +238,8 @@ class CaseTable(fields.Table):
     """A line of which the first crossing is asked."""
     unit: list[UnitTable] = Field(default_factory=list)
     """Who can search next: `drift plan` sends them."""
+    tow: list[TowTable] = Field(default_factory=list)
+    """Ships that tow arrays: `drift plan` places them."""
     plan: PlanTable = PlanTable()
     """The time and the aim of the next search."""
     resampling: ResamplingTable = ResamplingTable()

@@ -47,10 +47,18 @@ def plan(given: argparse.Namespace) -> Answer:
 
         options |= take.scale(given)
         with cluster.connected(given.workers, given.cluster) as client:
-            if case.spill:
+            if case.tows:
+                from drift.arrays import placement_text
+                from drift.arrays import planner as array_planner
+
+                arrays, _ = array_planner.place(case, out, client=client, **options)
+            elif case.spill:
                 patrols, result = patrol.patrol(case, out, client=client, **options)
             else:
                 search_plan, _ = planner.plan(case, out, client=client, **options)
+    if case.tows:
+        line = f"Plan in {out / 'arrays.txt'}, all results in {out}"
+        return Answer(case.title, placement_text.facts(arrays), (line,), placement_text.numbers(arrays), out)
     if case.spill:
         assert result.aftermath is not None
         told, line = patrol_files.facts(patrols, result.aftermath), f"Patrols in {out / 'patrols.txt'}"

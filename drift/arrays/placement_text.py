@@ -1,0 +1,150 @@
+"""A plan of towed arrays as text: for the ships, for programs, and as [[sortie]] tables for the case."""
+
+import json
+import math
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from geo import notation, sphere
+from geo.notation import KNOT, NMI
+
+WIDE = 78
+LOOSE = 0.99  # a bound of so much says nothing
+RELAXED = (
+    "The bound lets each array be anywhere in its cell, on any heading and at the best of its beams at every moment, draw its "
+    "fluctuation anew in each slot of time, turn at will, and be shared out among ways"
+)
+
+
+def worth(plan: Any) -> str:
+    """Return what a plan is worth, in a line."""
+    chosen, found = plan.placement, plan.bound
+    told = f"POD {plan.pos:.1%} on the case's own particles; {chosen.value:.1%} on the {chosen.particles:,} on which it was made"
+    if found.value >= LOOSE:
+        return told + "; no bound below 100 % is known"
+    return (
+        told
+        + f"; no plan hears more than {found.value:.1%} of {found.particles:,} of these, of which this hears {found.plan:.1%}"
+    )
+
+
+def text(plan: Any, title: str, run: str) -> str:
+    """Return the plan for people; plain ASCII but for names."""
+    lines = [
+        "TOWED ARRAYS",
+        *_fill(title),
+        f"Run {run}. Times are UTC, courses true.",
+        "",
+        "1  WORTH",
+        *_fill(f"{worth(plan)}.", 3),
+    ]
+    lines += ["", "2  SHIPS"]
+    for placed, sortie, pos in zip(plan.placement.placed, plan.sorties, plan.pos_of, strict=True):
+        tow = placed.sea.tow
+        lines += [
+            "",
+            *_fill(
+                f'{tow.name} tows "{tow.sensor.name}" at {tow.speed / KNOT:.1f} kn, POD {pos:.1%} after those before it',
+                3,
+            ),
+        ]
+        for time, lon, lat, what in vertices(placed, sortie):
+            lines += _fill(f"{notation.group(time)}  {notation.position(lon, lat)}  {what}", 6, 10)
+    lines += ["", "3  ALTERNATIVES"]
+    lines += [line for name, value in plan.placement.alternatives for line in _fill(f"{name}: {value:.1%}", 3, 6)]
+    lines += ["", "4  NOTES"]
+    for note in (
+        f"POD: that any of them hears the target by {notation.group(plan.until)}.",
+        f"{RELAXED}; {plan.bound.slots} slots, cells of {plan.bound.cell / NMI:.0f} nmi.",
+        "Alternatives are worth what they are on the particles on which the plan was made.",
+        "Arrays that share an unknown are planned as if each had its own; what the plan is worth knows that it is one.",
+    ):
+        lines += _fill(note, 3)
+    return "\n".join(lines) + "\n"
+
+
+def vertices(placed: Any, sortie: Any) -> list[tuple[np.datetime64, float, float, str]]:
+    """Return when and where (lon, lat) [deg] a ship begins, turns and ends, and on what course it goes on."""
+    legs = sortie.legs
+    found = []
+    for k, (time, lon, lat) in enumerate(zip(legs.time, legs.lon, legs.lat, strict=True)):
+        if k < len(legs.time) - 1:
+            course = _course(lon, lat, legs.lon[k + 1], legs.lat[k + 1])
+            what = f"{'begins' if k == 0 else 'turns'}, course {course:03.0f}"
+        else:
+            what = "ends"
+        found.append((np.datetime64(round(time), "s"), float(sphere.wrap_degrees(lon)), lat, what))
+    return found
+
+
+def _course(lon: float, lat: float, to_lon: float, to_lat: float) -> float:
+    east, north = sphere.offset(*(math.radians(x) for x in (lon, lat, to_lon, to_lat)))
+    return math.degrees(math.atan2(float(east), float(north))) % 360
+
+
+def toml(plan: Any, taken: Sequence[str]) -> str:
+    """Return the watches as [[sortie]] tables that can be appended to the case."""
+    parts = ["# The watches of the plan. Append them to the case once they were kept and heard nothing."]
+    for sortie in plan.sorties:
+        points = [
+            f"    [{json.dumps(notation.iso(np.datetime64(round(t), 's')))}, [{sphere.wrap_degrees(x):.5f}, {y:.5f}]],"
+            for t, x, y in zip(sortie.legs.time, sortie.legs.lon, sortie.legs.lat, strict=True)
+        ]
+        parts += [
+            "",
+            "[[sortie]]",
+            f"name = {json.dumps(sortie.name, ensure_ascii=False)}",
+            "waypoints = [",
+            *points,
+            "]",
+        ]
+        parts += [f"watch = {{ sensor = {json.dumps(sortie.sensor.name, ensure_ascii=False)} }}"]
+    return "\n".join(parts) + "\n"
+
+
+def numbers(plan: Any) -> dict[str, Any]:
+    """Return the plan for programs."""
+    chosen = plan.placement
+    return {
+        "pod": plan.pos,
+        "pod_made_on": chosen.value,
+        "pod_made_on_standard_error": chosen.standard_error,
+        "bound": plan.bound.value,
+        "bound_of_plan": plan.bound.plan,
+        "bound_particles": plan.bound.particles,
+        "ships": [
+            {
+                "name": placed.sea.tow.name,
+                "sensor": placed.sea.tow.sensor.name,
+                "pod": pos,
+                "pod_alone": placed.value,
+                "speed_kn": placed.sea.tow.speed / KNOT,
+                "legs": [
+                    {"time": notation.iso(time), "lon_deg": lon, "lat_deg": lat, "what": what}
+                    for time, lon, lat, what in vertices(placed, sortie)
+                ],
+            }
+            for placed, sortie, pos in zip(chosen.placed, plan.sorties, plan.pos_of, strict=True)
+        ],
+        "alternatives": [{"name": name, "pod": value} for name, value in chosen.alternatives],
+    }
+
+
+def facts(plan: Any) -> dict[str, str]:
+    """Return the plan in a few lines for a terminal."""
+    told = {"plan": worth(plan)}
+    for placed, sortie, pos in zip(plan.placement.placed, plan.sorties, plan.pos_of, strict=True):
+        way = "; ".join(
+            f"{notation.group(t)[:6]}Z {notation.position(x, y)} {what}" for t, x, y, what in vertices(placed, sortie)
+        )
+        told[placed.sea.tow.name] = f"{way}; POD {pos:.1%}"
+    told |= {f"else {k}": f"{name}: {value:.1%}" for k, (name, value) in enumerate(plan.placement.alternatives, 1)}
+    return told
+
+
+def _fill(line: str, indent: int = 0, later: int | None = None) -> list[str]:
+    blank = " " * indent
+    return textwrap.wrap(line, WIDE, initial_indent=blank, subsequent_indent=" " * (indent if later is None else later))
