@@ -87,6 +87,13 @@ class Ear:
         share = np.clip((at - known[k]) / (known[k + 1] - known[k]), 0, 1) if len(known) > 1 else 0.0
         return np.asarray((1 - share) * own.level[k] + share * own.level[min(k + 1, len(known) - 1)])
 
+    def change(self, begin: np.datetime64, end: np.datetime64) -> float:
+        """Return by how much the noise changes from one time to another at the most, up and down [dB]."""
+        known = self.sonar.noise.times
+        times = [begin, *known[(known > begin) & (known < end)], end]
+        every = np.array([self._noise(time) for time in times])
+        return float(np.abs(np.diff(every, axis=0)).sum(axis=0).max())
+
 
 def even(bearings: Array, most: int) -> int:
     """Return how many bearings, evenly round the circle, hold all of a table's or are much finer; at most so many."""
