@@ -17,7 +17,9 @@ from kernels.listen import Tables
 
 TURN = 2 * math.pi
 MOST_RAYS = 720  # bearings to which losses are laid out
-FINE_RAYS = 360  # where no even ones hold those of a table: straight lines cut off 0.1 dB of a peak of 10 dB in 30 degrees
+FINE_RAYS = (
+    360  # where no even ones hold those of a table: straight lines cut off 0.1 dB of a peak of 10 dB in 30 degrees
+)
 FINEST = 100.0  # [m] between ranges to which losses are laid out
 MOST_SIDES = 7200  # bearings to which gains are laid out
 FINE_SIDES = 3600  # and at the least, where they are not the same all round

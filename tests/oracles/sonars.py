@@ -199,9 +199,13 @@ def rhumb(lon: Array, lat: Array, course: float, far: Array) -> tuple[Array, Arr
 def missed(p: Array, hours: Array, rate: float) -> Array:
     """Return the probability (n, m) that nothing has been heard by each time (m,), of chances p (n, m) to be heard at once.
 
-    G(t) = e^(-lt) (1 - max p[0, t]) + int l e^(-l(t-s)) G(s) (1 - max p[s, t]) ds by the trapezium rule.
+    G(t) = e^(-lt) (1 - max p[0, t]) + int l e^(-l(t-s)) G(s) (1 - max p[s, t]) ds, what stands beside the exponential taken
+    to be straight between the times.
     """
     n, m = p.shape
+    x = np.maximum(rate * np.diff(hours), 1e-12)
+    late = 1 + np.expm1(-x) / x  # of the end of each panel, as seen from there; the rest is of its begin
+    early = -np.expm1(-x) - late
     found, highest = np.empty((n, m)), np.empty((n, m))
     for k in range(m):
         highest[:, k] = 0
@@ -211,8 +215,7 @@ def missed(p: Array, hours: Array, rate: float) -> Array:
         if k == 0:
             found[:, 0] = first
             continue
-        width = np.diff(hours[: k + 1])
-        weight = rate * decay * (np.append(width, 0) + np.append(0, width)) / 2
+        weight = np.append(decay[1:] * early[:k], 0) + np.append(0, decay[1:] * late[:k])
         known = (weight[:-1] * found[:, :k] * (1 - highest[:, :k])).sum(axis=1)
         found[:, k] = (first + known) / (1 - weight[-1] * (1 - p[:, k]))
     return found
