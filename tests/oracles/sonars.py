@@ -3,7 +3,7 @@
 It shares no code with ours. Positions are degrees, ranges metres, times hours after the run's start, speeds knots.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -263,10 +263,21 @@ class Ran:
     updates: Any
 
 
-def run(folder: Path, text: str, *, particles: int = 300, hours: float = 6, step: float = 30, threads: int = 0) -> Ran:
+def run(
+    folder: Path,
+    text: str,
+    *,
+    particles: int = 300,
+    hours: float = 6,
+    step: float = 30,
+    outputs: Sequence[float] = (),
+    shore: str = "none",
+) -> Ran:
     """Run a case, of which `text` is what follows HEAD."""
     path = folder / "case.toml"
     head = HEAD.replace("DURATION", f"{hours}").replace("PARTICLES", f"{particles}").replace("STEP", f"{step}")
+    times = [f"+{hour} h" for hour in outputs]
+    head = head.replace("output.times = []", f"output.times = {times}").replace('"none"', f'"{shore}"', 1)
     path.write_text(head + text)
     case = case_file.load(path)
     runtime.start()
@@ -276,7 +287,8 @@ def run(folder: Path, text: str, *, particles: int = 300, hours: float = 6, step
     moments = list(simulate.run(begun.ensemble, begun.scene, begun.clock, outputs, search=search))
     begun.scene.forcing.close()
     ends = [np.stack([m.lon, m.lat], axis=-1) * (360 / 2**32) for m in (moments[0], moments[-1])]
-    said = moments[-1].log_weight.astype(float) - moments[0].log_weight
+    with np.errstate(invalid="ignore"):  # spare slots have no weight before or after
+        said = moments[-1].log_weight.astype(float) - moments[0].log_weight
     return Ran(*ends, said, begun.ensemble.scenario.to_numpy(), begun.ensemble, moments, search.updates)
 
 
