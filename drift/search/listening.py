@@ -62,8 +62,7 @@ class Listening:
         self.sortie, self._start = sortie, start
         self.begin, self.end = notation.epoch(sortie.start) - start, notation.epoch(sortie.end) - start
         self._ear = Ear(sortie.sensor.sees, sortie.beams)
-        sonar = sortie.sensor.sees
-        self.factors, self.chances = unknown.offsets(sonar.unknown, sonar.fluctuation)
+        self.factors, self.chances = unknown.values(sortie.sensor)
         self._path = sensor_path.of_legs(sortie.legs, start)
         self._seen = self.begin  # the time [s] up to which its columns count
         self.exposed: Silent | None = None  # what it has done to each particle; None: nothing yet
@@ -71,7 +70,8 @@ class Listening:
     @property
     def key(self) -> tuple[str, float]:
         """What watches and looks have in common that share an unknown."""
-        return self.sortie.group, self._ear.sonar.unknown
+        assert self.sortie.sensor is not None
+        return unknown.key(self.sortie.sensor)
 
     @property
     def markers(self) -> list[Marker]:

@@ -94,3 +94,4 @@ class Sensor:
     place: tuple[float, float] | None = None  # (lon, lat) [deg] where it stands; None: on what carries it
     heading: float = 0.0  # [rad] true, of the array of a sensor that stands
     group: str = ""  # sensors of one group share their unknown
+    steadiest: float = math.inf  # [dB] least fluctuation of its group's sonars, for which values stand for the unknown
