@@ -21,6 +21,9 @@ import sonars
 from scipy import integrate, special
 from sonars import KNOT, NMI, Sonar, Way, heard, louder, missed, rhumb, run
 
+import drift
+from drift import flow
+
 TOLERANCE = 0.25  # [dB]
 ROUNDING = 2e-5  # of float32 in logs of weights
 RAFT = """
@@ -327,9 +330,9 @@ def test_watches_and_looks_share_an_unknown(tmp_path: Path, share: float) -> Non
     Gauss-Hermite is to hold products of misses to 0.001, relative to 1, in each group.
     """
     unknown = share * 6.0
-    steady = {"hours": (0.0,), "noise": NOISE[:1], "unknown": unknown}
+    steady: dict[str, Any] = {"hours": (0.0,), "noise": NOISE[:1], "unknown": unknown}
     west = array(name="west", at=STEAD, heading=205.0, group="both", **steady)
-    east = array(name="east", at=(-29.8, 36.2), heading=31.0, group="both", threshold=11.0, **steady)
+    east = array(name="east", at=(-29.8, 36.2), heading=31.0, group="both", threshold=11.0, fluctuation=9.0, **steady)
     alone = array(name="alone", at=(-30.1, 36.3), heading=120.0, **steady)
     text = RAFT.replace("25 nmi", "15 nmi") + "".join(sonar.text(tmp_path) for sonar in (west, east, alone))
     for name, sensor, begin, end in (("a", "west", 0.4, 2.2), ("b", "alone", 1.0, 3.0), ("c", "east", 1.4, 4.9)):
@@ -342,7 +345,7 @@ def test_watches_and_looks_share_an_unknown(tmp_path: Path, share: float) -> Non
     excess = {sonar.name: constant(*ran.first.T, sonar) for sonar in (west, east, alone)}
 
     def p(name: str, by: float) -> np.ndarray:
-        return special.ndtr((excess[name] + by) / 6.0)
+        return special.ndtr((excess[name] + by) / (9.0 if name == "east" else 6.0))
 
     def watched(name: str, by: float, lasting: float) -> np.ndarray:
         return (1 - p(name, by)) * np.exp(-p(name, by) * lasting)
@@ -377,7 +380,7 @@ def test_outputs_show_watches_under_way_and_change_nothing(tmp_path: Path) -> No
     sonar = array(at=STEAD, heading=205.0, levels=LEVELS)
     whole = run(tmp_path, MOVING + sonar.text(tmp_path) + WATCH, outputs=[2.2])
     part = run(tmp_path, MOVING + sonar.text(tmp_path) + WATCH.replace("+5.6 h", "+2.2 h"))
-    then = [m for m in whole.moments if m.elapsed == 7920][0].log_weight.astype(float) - whole.moments[0].log_weight
+    then = next(m for m in whole.moments if m.elapsed == 7920).log_weight.astype(float) - whole.moments[0].log_weight
     np.testing.assert_array_equal(then, part.said)
 
 
@@ -471,3 +474,24 @@ def test_resampling_keeps_what_has_been_heard(tmp_path: Path, method: str, acros
         error = likelihood.std() / likelihood.mean() / math.sqrt(likelihood.size)
         # The draw adds at most as much again as there is between particles.
         assert abs(found[k] - exact[k]) < 3.5 * math.sqrt(2) * error, k
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("coarse_maps")
+def test_in_shards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three shards tell to the bit what one piece does: tracks with weights, updates."""
+    monkeypatch.setattr(flow, "write", lambda *given, **more: None)
+    text = sonars.HEAD.replace("DURATION", "6").replace("PARTICLES", "9000").replace("STEP", "60") + everything(
+        tmp_path
+    )
+    text = text.replace("output.times = []", 'output.every = "6 h"\noutput.trajectories = 9000')
+    (tmp_path / "case.toml").write_text(text)
+    case = drift.load(tmp_path / "case.toml")
+    one, three = drift.run(case), drift.run(case, shards=3)
+    for name in ("lon", "lat", "status", "weight"):
+        assert getattr(one.trajectories, name).tobytes() == getattr(three.trajectories, name).tobytes(), name
+    assert one.updates is not None
+    assert three.updates is not None
+    assert len(one.updates.all) == 3
+    for a, b in zip(one.updates.all, three.updates.all, strict=True):
+        assert np.asarray(a.log_evidence).tobytes() == np.asarray(b.log_evidence).tobytes()
