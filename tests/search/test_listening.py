@@ -22,7 +22,7 @@ from scipy import integrate, special
 from sonars import KNOT, NMI, Sonar, Way, heard, louder, missed, rhumb, run
 
 import drift
-from drift import flow
+from drift import flow, start
 
 TOLERANCE = 0.25  # [dB]
 ROUNDING = 2e-5  # of float32 in logs of weights
@@ -272,6 +272,7 @@ def test_what_moves_past_a_sonar(tmp_path: Path, step: int) -> None:
 
 
 WATCH = '[[sortie]]\nname = "w"\nstart = "+0.3 h"\nend = "+5.6 h"\nwatch = { sensor = "ears" }\n'
+LOOK = '[[look]]\nname = "x"\ntime = "+3.3 h"\nsees = "nothing"\nsensor = "ears"\n'
 LAND = [[-29.95, 35.0], [-29.0, 35.0], [-29.0, 37.0], [-29.95, 37.0], [-29.95, 35.0]]
 
 
@@ -364,9 +365,8 @@ def everything(tmp_path: Path, unknown: float = 3.0) -> str:
     """Return what moves, two watches that share an unknown and a look."""
     ears = array(at=STEAD, heading=205.0, levels=LEVELS, unknown=unknown, group="both")
     towed_one = array(*PLACES, name="tail", levels=LEVELS, unknown=unknown, group="both")
-    look = '[[look]]\nname = "x"\ntime = "+3.3 h"\nsees = "nothing"\nsensor = "ears"\n'
     return (
-        MOVING + ears.text(tmp_path) + towed_one.text(tmp_path) + WATCH + towed(towed_one).replace('"w"', '"t"') + look
+        MOVING + ears.text(tmp_path) + towed_one.text(tmp_path) + WATCH + towed(towed_one).replace('"w"', '"t"') + LOOK
     )
 
 
@@ -495,3 +495,20 @@ def test_in_shards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(one.updates.all) == 3
     for a, b in zip(one.updates.all, three.updates.all, strict=True):
         assert np.asarray(a.log_evidence).tobytes() == np.asarray(b.log_evidence).tobytes()
+
+
+def test_memory_of_what_listens_is_reckoned(tmp_path: Path) -> None:
+    """A watch keeps 17 numbers of four bytes for each value of its unknown, of which there are 8, and an output a copy."""
+    path = tmp_path / "case.toml"
+    head = sonars.HEAD.replace("DURATION", "6").replace("PARTICLES", "100").replace("STEP", "60")
+    sonar = array(at=STEAD, heading=205.0, unknown=3.0)
+    found = []
+    for watch in (
+        "",
+        WATCH.replace("5.6", "2"),
+        WATCH.replace("5.6", "2") + WATCH.replace("0.3", "2").replace('"w"', '"v"'),
+    ):
+        path.write_text(head + RAFT + sonar.text(tmp_path) + LOOK + watch)
+        found.append(start.more_bytes(drift.load(path)))
+    assert 2 * 17 * 4 * 8 <= found[1] - found[0] < 2 * 17 * 4 * 8 + 50
+    assert found[2] - found[1] < 50  # it begins when the other is over
