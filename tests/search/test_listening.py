@@ -461,11 +461,11 @@ def test_resampling_keeps_what_has_been_heard(tmp_path: Path, method: str, acros
     text = everything(tmp_path)
     text += '[[look]]\nname = "y"\ntime = "+2.1 h"\nsees = "something"\n'
     text += 'at = [-30.2, 36.0]\nradius = "14 nmi"\nfalse_alarms = 0.05\n'
-    plain = run(tmp_path, text, particles=8000)
+    plain = run(tmp_path, text, particles=4000)
     anew = run(
         tmp_path,
         text + f'[resampling]\nmethod = "{method}"\nbelow = 0.9\nacross_scenarios = {across}\n',
-        particles=8000,
+        particles=4000,
     )
     assert any(update.resampled for update in anew.updates.all)
     found, exact = (sum(update.log_evidence[:4] for update in ran.updates.all) for ran in (anew, plain))
