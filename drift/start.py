@@ -33,6 +33,7 @@ from drift.search.account import Noted
 from drift.search.filter import Search
 from drift.search.meeting import Meeting
 from drift.search.updates import Update
+from drift.sensors import unknown
 from drift.spill import release, renewal
 from drift.spill import worlds as drawn_worlds
 from drift.spill.worlds import Proposal, Worlds
@@ -41,7 +42,7 @@ from geo.coast import edges as shoreline
 from geo.coast.segments import Segments
 from geo.coast.shore import Shore
 from geo.errors import UserError
-from kernels import advance, memory, noise
+from kernels import advance, jumps, memory, noise
 from kernels import coast as device_coast
 from kernels.noise import Purpose
 
@@ -142,7 +143,16 @@ def more_bytes(case: Case) -> int:
     debris = len({contact.drifter for contact in case.contacts} - {None})
     steers = any(scenario.itinerary for scenario in case.scenarios)
     searched = SEARCHED + SORTIE * len(case.sorties) if is_searched(case) else 0
-    return searched + STEERING * steers + DEBRIS * debris
+    return searched + STEERING * steers + DEBRIS * debris + _listening(case)
+
+
+def _listening(case: Case) -> int:
+    """Return how many bytes a particle takes while most sonars listen at once, one of them copied for an output."""
+    watches = [
+        (s, 4 * (1 + 2 * jumps.STAIRS) * len(unknown.values(s.sensor)[0])) for s in case.sorties if s.sensor is not None
+    ]
+    at_once = [sum(size for s, size in watches if s.start <= one.start < s.end) for one, _ in watches]
+    return max(at_once, default=0) + max((size for _, size in watches), default=0)
 
 
 def _check_memory(case: Case) -> None:

@@ -106,7 +106,7 @@ def after(silence: Silence, chance: ti.f32, rate: ti.f32, lasting: ti.f32) -> Si
 @ti.func
 def settled(silence: Silence, rate: ti.f32, lasting: ti.f32) -> Silence:
     """Return a silence that goes on for a while [s] in which the target cannot be heard."""
-    if silence.many > 1 or silence.edge[0] > 0.0:
+    if lasting > 0.0 and (silence.many > 1 or silence.edge[0] > 0.0):
         silence = after(silence, 0.0, rate, lasting)
         low, high = silence.held[0], silence.held[0]
         for j in range(1, silence.many):

@@ -2,7 +2,7 @@
 
 Its signal excess depends on bearing and range. Particles and sonar go straight within a step; the vector from the sonar to
 a particle is exact at both ends of a stretch of way, and straight in between. Of the stretch, parts are taken in which the
-range changes by no more than the table of losses resolves, each with the excess in its middle.
+range changes by no more than half of what the table of losses resolves, with the excess at their ends and at the nearest point.
 """
 
 from typing import Any, NamedTuple
@@ -16,7 +16,10 @@ from kernels.coast import Ints, Reals
 from kernels.jumps import STAIRS, Silence
 
 FINE = 400.0  # [m] parts of a stretch of way are not made shorter than this, however fine the table of losses
-MOST_PARTS = 256  # of a stretch
+NARROW = 0.025  # but for what comes near: they are no longer than this share of the least range
+CLOSE = 40.0  # [m] and not shorter than this
+MOST_PARTS = 256  # of a stretch, on either side of its nearest point
+STILL = 1.0  # [m] a shorter way is none
 TURN = 6.283185307179586
 
 f32x2 = ti.types.vector(2, ti.f32)
@@ -110,14 +113,26 @@ def hear(
     dd = d[0] * d[0] + d[1] * d[1]
     nearest = ti.min(ti.max(-(a[0] * d[0] + a[1] * d[1]) / ti.max(dd, 1e-12), 0.0), 1.0)
     at = a + nearest * d
-    if at.norm() > ear.nearest + ear.between * (ear.rings - 1):
+    far, length = at.norm(), ti.sqrt(dd)
+    if far > ear.nearest + ear.between * (ear.rings - 1):
         silence = jumps.settled(silence, ear.rate, lasting)
+    elif length < STILL:
+        over = excess(ear, losses, gains, a + 0.5 * d) + source
+        silence = jumps.after(silence, touch.normal_below(over / ear.spread), ear.rate, lasting)
     else:
-        parts = ti.min(ti.max(ti.cast(ti.ceil(ti.sqrt(dd) / ti.max(ear.between, FINE)), ti.i32), 1), MOST_PARTS)
-        part = lasting / parts
-        for k in range(parts):
-            over = excess(ear, losses, gains, a + (k + 0.5) / parts * d) + source
-            silence = jumps.after(silence, touch.normal_below(over / ear.spread), ear.rate, part)
+        fine = ti.min(ti.max(0.5 * ear.between, FINE), ti.max(NARROW * far, CLOSE))
+        # The trapezium rule on either side of the nearest point, so that the greatest chances count in full.
+        for side in range(2):
+            low, share = 0.0, nearest
+            if side == 1:
+                low, share = nearest, 1.0 - nearest
+            if share > 0.0:
+                parts = ti.min(ti.max(ti.cast(ti.ceil(share * length / fine), ti.i32), 1), MOST_PARTS)
+                part = share * lasting / parts
+                for k in range(parts + 1):
+                    over = excess(ear, losses, gains, a + (low + share * k / parts) * d) + source
+                    whole = part if 0 < k < parts else 0.5 * part
+                    silence = jumps.after(silence, touch.normal_below(over / ear.spread), ear.rate, whole)
     return silence
 
 

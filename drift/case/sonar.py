@@ -6,6 +6,7 @@ A sensor is a passive sonar, by the terms of its equation, or a table of POD by 
 import difflib
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,6 +18,7 @@ from drift.case.context import Run, build_each
 from drift.motion.scenario import Scenario
 from drift.sensors import unknown  # the others as they are wanted: they import SciPy and xarray
 from drift.sensors.records import Gain, Levels, Losses, Noise, PodGrid, Sensor, Sonar
+from geo.errors import UserError
 
 SHOWN = 3  # scenarios that a message names
 
@@ -407,13 +409,33 @@ class NamedSensorTable(fields.Table):
         else:
             assert self.pod is not None
             sees = self.pod.grid(run.folder)
+        if isinstance(sees, Sonar) and len(sees.gain.bearing) > 1 and self.at is not None and self.heading is None:
+            raise ValueError("heading is missing: it stands and has an array, whose gains are relative to its heading")
         return Sensor(name, sees, self.at, math.radians(self.heading or 0.0), self.group or name)
 
 
 def build(tables: Sequence[NamedSensorTable], run: Run) -> dict[str, Sensor]:
     """Return the sensors by name; raise UserError for all that is wrong with them."""
     every = build_each([table.sensor for table in tables], [table.name for table in tables], "sensor", run)
-    return {sensor.name: sensor for sensor in every}
+    return {sensor.name: sensor for sensor in _in_groups(every)}
+
+
+def _in_groups(every: Sequence[Sensor]) -> list[Sensor]:
+    """Return sensors that know of their group how steady its steadiest is; raise UserError where unknowns differ."""
+    first: dict[str, tuple[str, Sonar]] = {}
+    steadiest: dict[str, float] = {}
+    for sensor in every:
+        sonar = sensor.sees
+        if not isinstance(sonar, Sonar) or sonar.unknown == 0:
+            continue
+        name, other = first.setdefault(sensor.group, (sensor.name, sonar))
+        if other.unknown != sonar.unknown:
+            raise UserError(
+                f'sensor "{sensor.name}": its unknown is {sonar.unknown:g} dB, and that of sensor "{name}" of the same group, '
+                f'"{sensor.group}", {other.unknown:g} dB; a group shares one: give both the same, or groups of their own'
+            )
+        steadiest[sensor.group] = min(steadiest.get(sensor.group, math.inf), sonar.fluctuation)
+    return [replace(sensor, steadiest=steadiest.get(sensor.group, math.inf)) for sensor in every]
 
 
 def named(name: str, run: Run) -> Sensor:

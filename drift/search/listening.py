@@ -4,6 +4,7 @@ It has the manners of drift.search.exposure, whose place it takes for sorties wi
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +28,8 @@ from kernels.listen import Stretch
 
 Device = Any
 
+HARDLY = 0.25  # [dB] by which the noise may change within a part of a stretch
+MOST_PARTS = 64
 HEARD = 0.01  # chance of having been heard from which on a particle counts as one that was listened for
 
 
@@ -59,8 +62,7 @@ class Listening:
         self.sortie, self._start = sortie, start
         self.begin, self.end = notation.epoch(sortie.start) - start, notation.epoch(sortie.end) - start
         self._ear = Ear(sortie.sensor.sees, sortie.beams)
-        sonar = sortie.sensor.sees
-        self.factors, self.chances = unknown.offsets(sonar.unknown, sonar.fluctuation)
+        self.factors, self.chances = unknown.values(sortie.sensor)
         self._path = sensor_path.of_legs(sortie.legs, start)
         self._seen = self.begin  # the time [s] up to which its columns count
         self.exposed: Silent | None = None  # what it has done to each particle; None: nothing yet
@@ -68,7 +70,8 @@ class Listening:
     @property
     def key(self) -> tuple[str, float]:
         """What watches and looks have in common that share an unknown."""
-        return self.sortie.group, self._ear.sonar.unknown
+        assert self.sortie.sensor is not None
+        return unknown.key(self.sortie.sensor)
 
     @property
     def markers(self) -> list[Marker]:
@@ -110,25 +113,40 @@ class Listening:
         scenarios, kept = tuple(range(len(ensemble.scenarios))), tuple(exposed.columns.values())
         steered = helm.some(scenarios) if helm and begin.helm else None
         for k, seeks in enumerate(track.searching):
-            stretch = Stretch(*track.time[k : k + 2].tolist(), *_places(track.place, k))
-            tables = self._tables(stretch, step.elapsed, track.course[4 * k : 4 * k + 4])
-            if not seeks:
-                tables = tables._replace(gains=np.full(1, -math.inf, np.float32))
-            if steered and begin.helm:
-                steered.listen(begin.helm, step, stretch, tables, self.factors, kept)
-            before = begin.lon, begin.lat
-            own = ensemble.batch(scenarios)
-            listen.drifting(ensemble, own, before, step.elapsed, step.duration, stretch, tables, self.factors, kept)
+            whole = Stretch(*track.time[k : k + 2].tolist(), *_places(track.place, k))
+            for stretch, middle in self._parts(whole, step.elapsed):
+                tables = self._tables(stretch, step.elapsed, track.course[4 * k : 4 * k + 4], middle)
+                if not seeks:
+                    tables = tables._replace(gains=np.full(1, -math.inf, np.float32))
+                if steered and begin.helm:
+                    steered.listen(begin.helm, step, stretch, tables, self.factors, kept)
+                before = begin.lon, begin.lat
+                own = ensemble.batch(scenarios)
+                listen.drifting(ensemble, own, before, step.elapsed, step.duration, stretch, tables, self.factors, kept)
         return exposed
 
-    def _tables(self, stretch: Stretch, elapsed: int, course: Array) -> listen.Tables:
-        """Return the tables of its sonar in the middle of a stretch of its way."""
+    def _parts(self, whole: Stretch, elapsed: int) -> Iterator[tuple[Stretch, float]]:
+        """Give a stretch in parts in which the noise hardly changes, each with the share of the whole at its middle."""
+        times = [np.datetime64(self._start + elapsed + round(t), "s") for t in (whole.begin, whole.end)]
+        many = min(max(math.ceil(self._ear.change(times[0], times[1]) / HARDLY), 1), MOST_PARTS)
+        nodes = np.arange(many + 1) / many
+        at, way = np.array(whole.place), np.array(whole.to, np.int64) - whole.place
+        way[0] = (way[0] + 2**31) % 2**32 - 2**31
+        places = at + np.rint(nodes[:, None] * way).astype(np.int64)
+        places[:, 0] = (places[:, 0] + 2**31) % 2**32 - 2**31
+        seconds = (whole.begin + nodes * (whole.end - whole.begin)).tolist()
+        for k in range(many):
+            (x, y), (to_x, to_y) = places[k : k + 2].tolist()
+            yield Stretch(seconds[k], seconds[k + 1], (x, y), (to_x, to_y)), (k + 0.5) / many
+
+    def _tables(self, stretch: Stretch, elapsed: int, course: Array, share: float) -> listen.Tables:
+        """Return the tables of its sonar in the middle of a stretch of its way; share: of what it has the course of."""
         sensor = self.sortie.sensor
         assert sensor is not None
         lon, lat = (a + 0.5 * sphere.wrap(b - a) for a, b in zip(*_radians(stretch), strict=True))
         heading = sensor.heading
         if sensor.place is None:
-            east, north = course[0] + course[2], course[1] + course[3]
+            east, north = course[:2] + share * (course[2:] - course[:2])
             heading = math.atan2(east, north)
         middle = self._start + elapsed + round(0.5 * (stretch.begin + stretch.end))
         return self._ear.tables(float(lon), float(lat), heading, np.datetime64(middle, "s"))

@@ -29,17 +29,12 @@ class Targets(NamedTuple):
 
 def key(sensor: Sensor) -> tuple[str, float]:
     """Return what looks and watches have in common that share an unknown."""
-    return sensor.group, sensor.sees.unknown if isinstance(sensor.sees, Sonar) else math.inf
+    return unknown.key(sensor)
 
 
 def chances(sensor: Sensor) -> Array:
     """Return the probabilities of the values that stand for its unknown."""
-    return _values(sensor)[1]
-
-
-def _values(sensor: Sensor) -> tuple[Array, Array]:
-    sonar = sensor.sees
-    return unknown.offsets(sonar.unknown, sonar.fluctuation) if isinstance(sonar, Sonar) else (np.zeros(1), np.ones(1))
+    return unknown.values(sensor)[1]
 
 
 def by_speed(sensor: Sensor | None) -> bool:
@@ -61,7 +56,7 @@ def log_likelihood(look: Look, targets: Targets) -> Array:
     there &= ~np.isin(targets.status, STRANDED)
     source = hearing.level(sees, targets.scenario, targets.speed)
     over = hearing.over(Ear(sees, look.beams), at, look.heading, look.time, lon, lat, source)
-    every = [np.where(there, hearing.chance(sees, over + offset), 0.0) for offset in _values(look.sensor)[0]]
+    every = [np.where(there, hearing.chance(sees, over + offset), 0.0) for offset in unknown.values(look.sensor)[0]]
     return np.stack([looks.said(chance, look.positive, 1.0, look.false_alarms) for chance in every])
 
 

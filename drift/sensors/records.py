@@ -95,6 +95,7 @@ class Sensor:
     place: tuple[float, float] | None = None  # (lon, lat) [deg] where it stands; None: on what carries it
     heading: float = 0.0  # [rad] true, of the array of a sensor that stands
     group: str = ""  # sensors of one group share their unknown
+    steadiest: float = math.inf  # [dB] least fluctuation of its group's sonars, for which values stand for the unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +111,5 @@ class Tow:
     base: LonLat | None = None  # (lon, lat) [deg] where it is when it is ready; None: wherever it is to begin
     transit_speed: float = math.nan  # [m/s] from its base to where it begins
     allowed: Area | None = None  # which it does not leave while it listens; None: it goes anywhere
-    courses: tuple[float, float] | None = (
-        None  # [rad] it steers courses from the first clockwise to the second; None: any
-    )
+    courses: tuple[float, float] | None = None  # [rad] that it may steer, from the first clockwise to the second
     legs: int = 2  # most legs, 1 or 2

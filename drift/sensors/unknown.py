@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from drift.sensors.records import Sensor, Sonar
 from geo.array import Array
 
 NODES = ((0.6, 8), (1.0, 12), (1.5, 16))  # values that stand for it, up to such a share of the fluctuation
@@ -20,3 +21,16 @@ def offsets(unknown: float, fluctuation: float) -> tuple[Array, Array]:
     many = next(count for most, count in NODES if share <= most * (1 + 1e-9))
     nodes, weights = np.polynomial.hermite_e.hermegauss(many)
     return nodes * unknown, weights / weights.sum()
+
+
+def values(sensor: Sensor) -> tuple[Array, Array]:
+    """Return the values [dB] that stand for a sensor's unknown, and their probabilities: all of its group have the same."""
+    sonar = sensor.sees
+    if not isinstance(sonar, Sonar):
+        return np.zeros(1), np.ones(1)
+    return offsets(sonar.unknown, min(sonar.fluctuation, sensor.steadiest))
+
+
+def key(sensor: Sensor) -> tuple[str, float]:
+    """Return what looks and watches have in common that share an unknown; sorties have keys of other names."""
+    return f"sensors {sensor.group}", sensor.sees.unknown if isinstance(sensor.sees, Sonar) else np.inf
