@@ -14,9 +14,14 @@ p falls it adds one. A target that is not heard for a while forgets its stairs: 
 
 import taichi as ti
 
+from kernels import touch
+
 # Most steps; where there are more, the two most alike become one: several peaks err by 1 % of M.
 STAIRS = 8
 SURE = 1.0 - 1e-7  # p is at most this: float32 has no number nearer to 1
+QUIET = (
+    -5.3
+)  # deviations of the fluctuation below which nothing is heard: p is 6e-8, less than float32 tells from 0 beside 1
 EVEN = 1e-5  # share by which steps may differ and count as forgotten
 
 Steps = ti.types.vector(STAIRS, ti.f32)
@@ -115,4 +120,15 @@ def settled(silence: Silence, rate: ti.f32, lasting: ti.f32) -> Silence:
             log = silence.log
             silence = at_first()
             silence.log = log
+    return silence
+
+
+@ti.func
+def heard(silence: Silence, over: ti.f32, spread: ti.f32, rate: ti.f32, lasting: ti.f32) -> Silence:
+    """Return a silence that goes on for a while [s] with a signal excess `over` [dB], whose fluctuation is `spread`."""
+    deviations = over / spread
+    if deviations > QUIET:
+        silence = after(silence, touch.normal_below(deviations), rate, lasting)
+    else:
+        silence = settled(silence, rate, lasting)
     return silence

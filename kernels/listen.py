@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels import batch, jumps, life, sphere, touch
+from kernels import batch, jumps, life, sphere
 from kernels.batch import Batch
 from kernels.coast import Ints, Reals
 from kernels.jumps import STAIRS, Silence
@@ -118,7 +118,7 @@ def hear(
         silence = jumps.settled(silence, ear.rate, lasting)
     elif length < STILL:
         over = excess(ear, losses, gains, a + 0.5 * d) + source
-        silence = jumps.after(silence, touch.normal_below(over / ear.spread), ear.rate, lasting)
+        silence = jumps.heard(silence, over, ear.spread, ear.rate, lasting)
     else:
         fine = ti.min(ti.max(0.5 * ear.between, FINE), ti.max(NARROW * far, CLOSE))
         # The trapezium rule on either side of the nearest point, so that the greatest chances count in full.
@@ -132,7 +132,7 @@ def hear(
                 for k in range(parts + 1):
                     over = excess(ear, losses, gains, a + (low + share * k / parts) * d) + source
                     whole = part if 0 < k < parts else 0.5 * part
-                    silence = jumps.after(silence, touch.normal_below(over / ear.spread), ear.rate, whole)
+                    silence = jumps.heard(silence, over, ear.spread, ear.rate, whole)
     return silence
 
 

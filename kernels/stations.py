@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels import jumps, sphere, touch
+from kernels import jumps, sphere
 
 TURN = 6.283185307179586
 BESIDE = 3  # places whose losses are weighted
@@ -126,9 +126,7 @@ def _missed(
                         over = _excess(
                             sonar, losses, gains, noise, which, weight, c * bins + t, t, heading[c * bins + t], way
                         ) + source  # fmt: skip
-                        silence = jumps.after(
-                            silence, touch.normal_below(over / sonar.spread), sonar.rate, lasting / parts
-                        )
+                        silence = jumps.heard(silence, over, sonar.spread, sonar.rate, lasting / parts)
                 a, begun = b, 1
         log[nth] = silence.log
 
@@ -186,9 +184,7 @@ def _best(
                             j = ti.min(ti.cast(ring, ti.i32), sonar.rings - 2)
                             # The higher of both ends: between them nothing is higher.
                             over = ti.max(best[c * sonar.rings + j], best[c * sonar.rings + j + 1]) + source
-                            silence = jumps.after(
-                                silence, touch.normal_below(over / sonar.spread), sonar.rate, lasting / parts
-                            )  # fmt: skip
+                            silence = jumps.heard(silence, over, sonar.spread, sonar.rate, lasting / parts)
                         else:
                             silence = jumps.settled(silence, sonar.rate, lasting / parts)
                 else:
