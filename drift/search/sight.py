@@ -23,8 +23,14 @@ class Targets(NamedTuple):
     lon: Array  # binary angle
     lat: Array
     scenario: Array
-    speed: Array  # over ground [m/s]
+    east: Array  # velocity over ground [m/s], where it is asked for
+    north: Array
     status: Array
+
+    @property
+    def speed(self) -> Array:
+        """Its speed over ground [m/s]."""
+        return np.hypot(self.east, self.north)
 
 
 def key(sensor: Sensor) -> tuple[str, float]:
@@ -34,10 +40,11 @@ def key(sensor: Sensor) -> tuple[str, float]:
 
 def chances(sensor: Sensor) -> Array:
     """Return the probabilities of the values that stand for its unknown."""
-    return _values(sensor)[1]
+    return offsets(sensor)[1]
 
 
-def _values(sensor: Sensor) -> tuple[Array, Array]:
+def offsets(sensor: Sensor) -> tuple[Array, Array]:
+    """Return the values [dB] that stand for its unknown, and their probabilities."""
     sonar = sensor.sees
     return unknown.offsets(sonar.unknown, sonar.fluctuation) if isinstance(sonar, Sonar) else (np.zeros(1), np.ones(1))
 
@@ -61,7 +68,7 @@ def log_likelihood(look: Look, targets: Targets) -> Array:
     there &= ~np.isin(targets.status, STRANDED)
     source = hearing.level(sees, targets.scenario, targets.speed)
     over = hearing.over(Ear(sees, look.beams), at, look.heading, look.time, lon, lat, source)
-    every = [np.where(there, hearing.chance(sees, over + offset), 0.0) for offset in _values(look.sensor)[0]]
+    every = [np.where(there, hearing.chance(sees, over + offset), 0.0) for offset in offsets(look.sensor)[0]]
     return np.stack([looks.said(chance, look.positive, 1.0, look.false_alarms) for chance in every])
 
 
@@ -72,8 +79,13 @@ def together(said: Array, shared: Device, weights: Array) -> Array:
     weights: of the values. It is the ratio of two means over the unknown, of the product of all after and before.
     """
     before = shared.to_numpy().reshape(said.shape).astype(np.float64)
+    shared.from_numpy((before + said).astype(np.float32).reshape(-1))
+    return averaged(said, before, weights)
+
+
+def averaged(said: Array, before: Array, weights: Array) -> Array:
+    """Return the log likelihood (n,) of what was said, given all that was said before; both (factors, n)."""
     after = before + said
-    shared.from_numpy(after.astype(np.float32).reshape(-1))
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(weights)[:, None]
         ratio = np.logaddexp.reduce(after + logs, axis=0) - np.logaddexp.reduce(before + logs, axis=0)
