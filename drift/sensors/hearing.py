@@ -19,6 +19,7 @@ TURN = 2 * math.pi
 MOST_RAYS = 720  # bearings to which losses are laid out
 FINEST = 100.0  # [m] between ranges to which losses are laid out
 MOST_SIDES = 7200  # bearings to which gains are laid out
+LEAST_SIDES = 720  # of a coarse table, whose corners lie anywhere once it is turned to the heading
 SILENT = 6.0  # standard deviations of the fluctuation by which it is too far to be heard: once in 10^9 draws
 
 
@@ -56,6 +57,7 @@ class Ear:
         own, ranges = self.sonar, self._ranges
         rays = even(own.losses.bearing, MOST_RAYS)
         sides = max(even(own.gain.bearing, MOST_SIDES), even(own.noise.bearing, MOST_SIDES))
+        sides = max(sides, LEAST_SIDES) if sides > 1 else 1
         by_range = _along(ranges, own.losses.range, losses.between(own.losses, lon, lat))
         toward = np.arange(sides) * TURN / sides
         gains = round_circle(toward - heading, own.gain.bearing, self.gain)
