@@ -17,6 +17,7 @@ from drift.case.context import Run, build_each
 from drift.motion.scenario import Scenario
 from drift.sensors import unknown  # the others as they are wanted: they import SciPy and xarray
 from drift.sensors.records import Gain, Levels, Losses, Noise, PodGrid, Sensor, Sonar
+from geo import sphere
 
 SHOWN = 3  # scenarios that a message names
 
@@ -407,7 +408,14 @@ class NamedSensorTable(fields.Table):
         else:
             assert self.pod is not None
             sees = self.pod.grid(run.folder)
-        return Sensor(name, sees, self.at, math.radians(self.heading or 0.0), self.group or name)
+        place = self.at
+        if place is None and isinstance(sees, PodGrid) and sees.lon is not None and sees.lat is not None:
+            # It sees where its table says, wherever it is: it is drawn in the middle.
+            place = (
+                float(sphere.wrap_degrees(np.degrees(0.5 * (sees.lon[0] + sees.lon[-1])))),
+                float(np.degrees(0.5 * (sees.lat[0] + sees.lat[-1]))),
+            )
+        return Sensor(name, sees, place, math.radians(self.heading or 0.0), self.group or name)
 
 
 def build(tables: Sequence[NamedSensorTable], run: Run) -> dict[str, Sensor]:
