@@ -79,8 +79,8 @@ class FrequencyTable(fields.Table):
     """Standard deviation of what is not known of that; each contact takes it anew, unless they are of one `source_group`."""
     source_group: fields.Label | None = None
     """Contacts of one group heard the same source, whose frequency each of them makes better known."""
-    sound_speed: Annotated[fields.Speed, Field(gt=0)] | None = None
-    """Of the water; 1500 m/s without it."""
+    sound_speed: sonar.SoundSpeed = 1500.0
+    """Of the water."""
     speed: fields.Speed = 0.0
     """Of what carries the sensor, over ground."""
     course: fields.Direction | None = None
@@ -103,9 +103,7 @@ class FrequencyTable(fields.Table):
 
     def tone(self) -> Tone:
         """Return the record."""
-        return Tone(
-            self.value, self.std, self.source, self.source_std, self.sound_speed or 1500.0, self.source_group or ""
-        )
+        return Tone(self.value, self.std, self.source, self.source_std, self.sound_speed, self.source_group or "")
 
 
 class BySensorTable(fields.Table):

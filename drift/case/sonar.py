@@ -137,6 +137,16 @@ def _frequency(value: object) -> float:
 Frequency = Annotated[float, BeforeValidator(_frequency)]
 
 
+def _sound_speed(value: object) -> float:
+    number = units.quantity(value, "m/s", "speed of sound", "1500 m/s")
+    if not 1000 <= number <= 2000:
+        raise ValueError(f"sound_speed {value!r} must be 1000 to 2000 m/s")
+    return number
+
+
+SoundSpeed = Annotated[float, BeforeValidator(_sound_speed)]
+
+
 class LossTable(FileTable):
     """Transmission loss: of a file by bearing and range, at one place or several; or by a formula."""
 
@@ -195,7 +205,7 @@ class LineTable(fields.Table):
     """From one to the next."""
     frequency: Frequency
     """At which it listens."""
-    sound_speed: Annotated[fields.Speed, Field(gt=0)] = 1500.0
+    sound_speed: SoundSpeed = 1500.0
     """Of the water."""
     beams: fields.Count | None = None
     """How many beams, from dead ahead to dead astern; without it as many as cross at -3 dB."""
