@@ -295,7 +295,7 @@ class SonarTable(fields.Table):
     fluctuation: Annotated[float, BeforeValidator(decibels("fluctuation", 0, 30, above=True))] = 6.0
     """Standard deviation of the signal excess."""
     jump_rate: Annotated[float, BeforeValidator(fields.rate)] = 1 / 3600
-    """How often it jumps to another value, a bare number per hour."""
+    """How often it jumps to another value, like `"2 /h"`; once an hour without it."""
     unknown: Annotated[float, BeforeValidator(decibels("unknown", 0, 45))] = 0.0
     """Standard deviation of what all looks and watches of its group have in common."""
 
