@@ -4,9 +4,10 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
-from drift.case import fields, heard, units
+from drift.case import bearings as series
+from drift.case import fields, heard, messages, units
 from drift.case.context import Run, build_each
 from drift.case.objects import ObjectTable
 from drift.case.pattern import RegionTable
@@ -188,13 +189,14 @@ class ContactTable(fields.Table):
     """A [[contact]] table as written."""
 
     name: fields.Label | None = None
-    time: fields.Time
+    time: fields.Time | None = None
     belief: Annotated[float, BeforeValidator(_belief)] | None = None
     false_density: Any = None
     position: PlaceTable | None = None
     bearing: BearingTable | None = None
     range: RangeTable | None = None
     area: SeenInTable | None = None
+    bearings: series.SeriesTable | None = None
     of: Annotated[ObjectTable, BeforeValidator(_object)] | None = None
     course: CourseSeenTable | None = None
     speed: SpeedSeenTable | None = None
@@ -204,7 +206,11 @@ class ContactTable(fields.Table):
     @model_validator(mode="after")
     def one_kind(self) -> "ContactTable":
         """Refuse none or two kinds, and two ways of being false."""
-        fields.one_of(self, tuple(DENSITY))
+        fields.one_of(self, (*DENSITY, "bearings"))
+        if self.bearings is not None:
+            return self  # each of its lines is looked at by itself
+        if self.time is None:
+            raise ValueError("time is missing and has no default")
         if self.belief is not None and self.false_density is not None:
             raise ValueError("give belief or false_density, not both: either says how a contact may be false")
         self.false()
@@ -250,8 +256,30 @@ class ContactTable(fields.Table):
             raise ValueError(f"false_density {given!r} must be at least 0")
         return density
 
+    def each(self, run: Run) -> "list[ContactTable]":
+        """Return it, or of a series each of its contacts; raise UserError for what is wrong with one."""
+        if self.bearings is None:
+            return [self]
+        found = []
+        given = self.model_dump(by_alias=True, exclude_unset=True, exclude={"bearings", "name", "time"})
+        for number, (line, time, bearing, measured) in enumerate(self.bearings.bearings(run.folder), 1):
+            tables = {key: given.get(key, {}) | {"value": value} for key, value in measured.items()}
+            row = given | tables | {"name": f"{self.name or 'bearing'} {number}", "time": time, "bearing": bearing}
+            try:
+                found.append(ContactTable.model_validate(row))
+            except ValidationError as error:
+                told = messages.lines(error, {})
+                raise UserError(
+                    *(
+                        f'contact "{self.name or "bearings"}", line {line} of {self.bearings.file}: {one}'
+                        for one in told
+                    )
+                ) from None
+        return found
+
     def contact(self, name: str, run: Run) -> Contact:
         """Return the record; raise ValueError for what does not fit the run."""
+        assert self.time is not None
         time = units.resolve(self.time, run.start)
         run.check(time, time)
         more = getattr(self, self.kind()).details(run)
@@ -274,6 +302,7 @@ class ContactTable(fields.Table):
 
 def build(tables: list[ContactTable], run: Run) -> tuple[Contact, ...]:
     """Return the contacts by time; raise UserError for what is wrong with one."""
+    tables = [one for table in tables for one in table.each(run)]
     contacts = build_each([table.contact for table in tables], [table.name for table in tables], "contact", run)
     _check_groups(contacts)
     return tuple(sorted(contacts, key=lambda contact: contact.time))

@@ -58,8 +58,8 @@ Side = Literal["port", "starboard"]
 class LevelTable(fields.Table):
     """The level at which a target was received, before the array's gain."""
 
-    value: Annotated[float, BeforeValidator(sonar.decibels("received level", -50, 250))]
-    """In the band of the source level: source level - transmission loss, and the fluctuation."""
+    value: Annotated[float | None, BeforeValidator(sonar.decibels("received level", -50, 250))] = None
+    """In the band of the source level: source level - transmission loss, and the fluctuation; of a series in its file."""
     std: Annotated[float, BeforeValidator(sonar.decibels("std", 0, 30, above=True))]
     """Standard deviation of its error alone; the fluctuation is the sensor's."""
 
@@ -67,8 +67,8 @@ class LevelTable(fields.Table):
 class FrequencyTable(fields.Table):
     """The frequency at which a target was received, shifted by how it and the sensor moved."""
 
-    value: sonar.Frequency
-    """As it was received."""
+    value: sonar.Frequency | None = None
+    """As it was received; of a series in its file."""
     std: sonar.Frequency
     """Standard deviation of its error."""
     source: sonar.Frequency
@@ -92,7 +92,7 @@ class FrequencyTable(fields.Table):
         wrong = []
         if self.source_std < 0 or self.source_std > 0.2 * self.source:
             wrong.append(f"source_std {self.source_std:g} Hz must be 0 Hz to a fifth of source, {self.source:g} Hz")
-        if not 0.8 < self.value / self.source < 1.25:
+        if self.value is not None and not 0.8 < self.value / self.source < 1.25:
             wrong.append(
                 f"value {self.value:g} Hz and source {self.source:g} Hz: no target is fast enough to shift one to the other"
             )
@@ -103,6 +103,7 @@ class FrequencyTable(fields.Table):
 
     def tone(self) -> Tone:
         """Return the record."""
+        assert self.value is not None
         return Tone(self.value, self.std, self.source, self.source_std, self.sound_speed, self.source_group or "")
 
 
@@ -193,7 +194,11 @@ def measured(own: Heard, level: LevelTable | None, frequency: FrequencyTable | N
         raise ValueError(
             f'received_level and frequency are of a sonar; sensor "{own.sensor.name}" has POD by place: leave them out'
         )
+    for key, table in (("received_level", level), ("frequency", frequency)):
+        if table is not None and table.value is None:
+            raise ValueError(f"{key}: value is missing and has no default")
     if level is not None:
+        assert level.value is not None
         own = replace(own, level=(level.value, level.std))
     if frequency is not None:
         if own.sensor.place is not None and (frequency.speed > 0 or frequency.course is not None):

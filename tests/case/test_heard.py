@@ -1,6 +1,7 @@
 """Contacts by sensors of the case as it gives them: the records made of them, their shapes, and a line for what is wrong."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -150,3 +151,55 @@ def test_one_source_is_told_of_once(tmp_path: Path) -> None:
     tone = FREQUENCY.replace(" }", ', source_std = "0.1 Hz", source_group = "a" }')
     with pytest.raises(UserError, match="another source or source_std"):
         load(tmp_path, CONTACT + BEARING + tone, CONTACT.replace("seen", "next") + BEARING + tone.replace("0.1", "0.2"))
+
+
+SERIES = """
+[[contact]]
+name = "west"
+bearings = { file = "bearings.csv", sensor = "array", std = "3 deg" }
+received_level = { std = "2 dB" }
+frequency = { std = "0.02 Hz", source = "50 Hz", source_std = "0.1 Hz", source_group = "shaft" }
+"""
+
+
+def test_a_series_is_as_its_contacts(tmp_path: Path) -> None:
+    (tmp_path / "bearings.csv").write_text(
+        "time, bearing, std, received_level, frequency\n+9 h, 280, , 92 dB, 50.1\n2026-11-21T10:00Z, 281, 4 deg, 91, 50.12 Hz\n"
+    )
+    written = ""
+    for name, time, bearing, std, level, value in (
+        ("west 1", "+9 h", 280, 3, 92, 50.1), ("west 2", "+10 h", 281, 4, 91, 50.12),
+    ):  # fmt: skip
+        written += f"""
+[[contact]]
+name = "{name}"
+time = "{time}"
+bearing = {{ sensor = "array", bearing = {bearing}, std = "{std} deg" }}
+received_level = {{ value = "{level} dB", std = "2 dB" }}
+frequency = {{ value = "{value} Hz", std = "0.02 Hz", source = "50 Hz", source_std = "0.1 Hz", source_group = "shaft" }}
+"""
+    read, told = load(tmp_path, SERIES), load(tmp_path, written)
+    plain = [
+        [replace(one, heard=replace(heard(one), sensor=heard(read[0]).sensor)) for one in both] for both in (read, told)
+    ]
+    assert plain[0] == plain[1]
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ("time, azimuth\n+9 h, 3\n", "no column bearing; allowed are time, bearing, std"),
+        ("time, bearing, weather\n+9 h, 3, fair\n", "unknown column weather"),
+        ("time, bearing\n", "has 0 bearings"),
+        ("time, bearing\n+9 h, 3\n+10 h\n", "line 3: as many values as names"),
+        ("time, bearing\n+9 h, 3\n+10 h, 400\n", 'contact "west", line 3 of bearings.csv: bearing.bearing'),
+        ("time, bearing\n+9 h, 3\nsoon, 40\n", 'contact "west", line 3 of bearings.csv: time'),
+        ("time, bearing\n+9 h, 3\n+99 h, 40\n", "is outside the run"),
+        ("time, bearing, frequency\n+9 h, 3, 50\n", "received_level: value is missing"),
+    ],
+)
+def test_a_series_that_is_wrong(tmp_path: Path, lines: str, said: str) -> None:
+    (tmp_path / "bearings.csv").write_text(lines)
+    with pytest.raises(UserError) as caught:
+        load(tmp_path, SERIES)
+    assert any(said in line for line in caught.value.lines), caught.value.lines
