@@ -308,7 +308,7 @@ def made(job: Job, run: Ended) -> Result:
     if updates is not None:
         summary |= {"search": search_tables.numbers(updates)}
     if posteriors is not None:
-        summary |= {"posteriors": posterior_tables.numbers(posteriors)}
+        summary |= posterior_tables.summary(posteriors)
     on = facts.with_coast(facts.setting(case, where, dataset.shown(forecast.data)))
     flown = updates.sorties if updates else ()
     # What flows is kept, and not its sources: a dataset that was handed in is let go.

@@ -23,6 +23,7 @@ from drift.forecast.by_member import Members
 from drift.forecast.tracks import Trajectories
 from drift.maps.imprint import Setting
 from drift.output import formats
+from drift.posterior import ranking
 from drift.posterior import tables as posterior_tables
 from drift.posterior.records import Posteriors
 from drift.search import crossings
@@ -90,6 +91,8 @@ class Result:
                 texts["lines"] = crossings.csv(self.updates.crossings, run)
         if self.posteriors is not None:
             texts["posteriors"] = posterior_tables.csv(self.posteriors, run)
+            if ranked := ranking.of(self.posteriors):
+                texts["scenarios"] = ranking.csv(ranked, run)
         if self.members is not None:
             texts["members"] = by_member.csv(self.members, run)
         if self.washup is not None:

@@ -14,9 +14,8 @@ p falls it adds one. A target that is not heard for a while forgets its stairs: 
 
 import taichi as ti
 
-STAIRS = (
-    8  # most steps; the two most alike are made one where there are more: several peaks err by 1 % of M at the most
-)
+# Most steps; where there are more, the two most alike become one: several peaks err by 1 % of M.
+STAIRS = 8
 SURE = 1.0 - 1e-7  # p is at most this: float32 has no number nearer to 1
 EVEN = 1e-5  # share by which steps may differ and count as forgotten
 

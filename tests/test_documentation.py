@@ -73,7 +73,7 @@ WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapt
         *EVERY, *forecast_chapter.FILES, *forecast_chapter.PICTURES, *forecast_chapter.STORIES, *suspend_chapter.FILES, *suspend_chapter.PICTURES,
         *search_chapter.FILES, *search_chapter.PICTURES, *search_chapter.MAPS,
         *search_chapter.LINE_FILES, *search_chapter.LINE_PICTURES,
-        *posterior_chapter.FILES, *posterior_chapter.PICTURES, *by_member.FILES,
+        *posterior_chapter.FILES, *posterior_chapter.PICTURES, *posterior_chapter.RANKED, *posterior_chapter.MANY, *by_member.FILES,
     },
     "docs/searches.md": {*planner_chapter.FILES, *planner_chapter.PICTURES},
     "docs/spill.md": {

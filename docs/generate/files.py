@@ -37,7 +37,7 @@ CHAPTERS: dict[str, tuple[str, Iterable[str]]] = {  # when they are written, and
     "Searches": (
         "Where a case has sorties, contacts, sensors, lines or survival times.",
         (*search.FILES, *search.PICTURES, *search.MAPS, *search.LINE_FILES, *search.LINE_PICTURES,
-         *posterior.FILES, *posterior.PICTURES, *suspend.FILES, *suspend.PICTURES),
+         *posterior.FILES, *posterior.PICTURES, *posterior.RANKED, *posterior.MANY, *suspend.FILES, *suspend.PICTURES),
     ),
     "Plans of a search": ("`drift plan`.", (*planner.FILES, *planner.PICTURES, "plan-A-1.png")),
     "Spills": ("Where a case has a `[spill]`.", (*spill.FILES, *spill.FIND_FILES, *spill.PICTURES)),
@@ -48,7 +48,7 @@ CHAPTERS: dict[str, tuple[str, Iterable[str]]] = {  # when they are written, and
 }  # fmt: skip
 WHERE = {  # the run whose file is looked at
     "forecast.nc": "overdue_boat", "particles.nc": "overdue_boat", "track.csv": "overdue_boat", "ashore.csv": "overdue_boat",
-    "sorties.csv": "overdue_boat", "posteriors.csv": "overdue_boat", "lines.csv": "small-run", "members.csv": "small-run",
+    "sorties.csv": "overdue_boat", "posteriors.csv": "overdue_boat", "scenarios.csv": "overdue_boat", "lines.csv": "small-run", "members.csv": "small-run",
     "washup.nc": "gulf_containers", "washup.csv": "gulf_containers", "washup_times.csv": "gulf_containers",
     "totals.csv": "gulf_containers", "finds.csv": "gulf_containers", "unknowns.csv": "gulf_containers",
     "origin.nc": "small-origin", "origin.csv": "small-origin",

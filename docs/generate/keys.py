@@ -20,6 +20,7 @@ from drift.case import (
     barrier,
     bridge,
     contact,
+    family,
     fields,
     itinerary,
     look,
@@ -73,6 +74,8 @@ PAGES: dict[Model, tuple[str, str]] = {
     itinerary.PointTable: ("targets.md", "### Way points"),
     itinerary.DistressTable: ("targets.md", "## Distress"),
     itinerary.VesselTable: ("targets.md", "## `vessel`"),
+    family.FamilyTable: ("targets.md", "### `[[family]]`"),
+    family.AxisTable: ("targets.md", "### `[family.axis.NAME]`"),
 }
 PREFIXES = {uncertainty.CurrentErrorTable: "current.", uncertainty.WindErrorTable: "wind."}  # of keys on their page
 
@@ -102,6 +105,9 @@ TAKEN = {
     "spill._release_duration": 'duration, `"2 h"`',
     "scenario._motion": '`"drift"`',
     "objects._search_object": "an object of the sweep width tables",
+    "family._labelled": "a list, or a table by what they are called",
+    "family._weighed": "a list of weights, or a table by what values are called",
+    "family._labels": "a list of texts",
     "itinerary._course": "uncertain direction",
     "itinerary._times": "uncertain time",
     "expect._percent": "percentage",

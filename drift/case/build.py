@@ -113,7 +113,7 @@ def _subject(
             spill = subject.spill(table, start, end, folder)
             scenarios = subject.classes(spill, start, end, forcing)
         else:
-            scenarios = subject.scenarios(table.scenario, start, end, forcing, folder)
+            scenarios = subject.scenarios(table, start, end, forcing, folder)
     return spill, scenarios
 
 

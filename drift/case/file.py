@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from drift.case import build, messages, mistakes, sources, units
+from drift.case import build, family, messages, mistakes, sources, units
 from drift.case.mistakes import Mistakes
 from drift.case.record import Case
 from drift.case.schema import CaseTable
 from drift.case.sources import SourceTable
 from drift.environment.forcing_spec import ForcingSpec
+from drift.motion.family import gathered
 from geo.errors import UserError
 from geo.files import small
 from geo.forcing.quantity import QUANTITIES
@@ -97,13 +98,28 @@ def _validated(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> 
     try:
         wrong.refuse()
         case = build.build(CaseTable.model_validate(data), path, text)
-        return replace(case, inputs=tuple(dict.fromkeys(_inputs(data, path.absolute().parent))), tables=data)
+        inputs = tuple(dict.fromkeys(_inputs(family.expanded(data), path.absolute().parent)))
+        return replace(case, inputs=inputs, tables=data)
     except ValidationError as error:
-        raise _refusal(path, (*messages.lines(error, data), *_sources_without(data, path))) from None
+        told = messages.lines(error, _named(data))
+        raise _refusal(path, (*_by_family(told, data), *_sources_without(data, path))) from None
     except UserError as error:
-        raise _refusal(path, error.lines) from None
+        raise _refusal(path, _by_family(error.lines, data)) from None
     except OverflowError:  # integers beyond the largest float
         raise UserError(f"{path.name}: one of its whole numbers is too large") from None
+
+
+def _named(data: dict[str, Any]) -> Any:
+    """Return the tables of a case with the scenarios of its families, so that mistakes in these can be told by name."""
+    try:
+        return family.expanded(data)
+    except ValueError:  # which is among the mistakes already
+        return data
+
+
+def _by_family(lines: Sequence[str], data: dict[str, Any]) -> tuple[str, ...]:
+    """Return lines of mistakes with those that scenarios of a family share made one."""
+    return tuple(gathered(lines, family.places(data)))
 
 
 def source(quantity: str, files: Sequence[str], overrides: Mapping[str, str]) -> ForcingSpec:

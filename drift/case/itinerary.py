@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, field_validator, model_validator
 
 from drift.bridges.bridge import refuse_antipodes, refuse_width
 from drift.case import fields, sources, units
@@ -436,12 +436,14 @@ class VoyageTable(fields.Table):
 def shared(data: Any) -> Any:
     """Return the tables of a case as read with each voyage that is named, alone or by `like`, replaced by a whole one.
 
-    What is not as it should be stays as it is, and is refused where it stands. Raises ValueError for a name that there is none of.
+    What is not as it should be stays as it is, and is refused where it stands. Raises ValidationError, a complaint for each name that
+    there is none of.
     """
     voyages, stories = (data.get(key) for key in ("voyage", "scenario")) if isinstance(data, dict) else (None, None)
     if not isinstance(stories, list):
         return data
     known = voyages if isinstance(voyages, dict) else {}
+    wrong: list[str] = []
 
     def whole(story: Any, number: int, phase: Any) -> Any:
         own = phase.get("voyage") if isinstance(phase, dict) else None
@@ -450,9 +452,10 @@ def shared(data: Any) -> Any:
             return phase
         if not isinstance(name, str) or not isinstance(known.get(name), dict):
             there = ", ".join(f"[voyage.{key}]" for key in known) or "none; write it as [voyage.NAME]"
-            raise ValueError(
+            wrong.append(
                 f'scenario "{story.get("name")}".phase {number}.voyage: no voyage {name!r}; there are: {there}'
             )
+            return phase
         rest = {key: value for key, value in own.items() if key != "like"} if isinstance(own, dict) else {}
         return {**phase, "voyage": {**known[name], **rest}}
 
@@ -462,7 +465,10 @@ def shared(data: Any) -> Any:
             return story
         return {**story, "phase": [whole(story, number, phase) for number, phase in enumerate(phases, 1)]}
 
-    return {**data, "scenario": [told(story) for story in stories]}
+    made = {**data, "scenario": [told(story) for story in stories]}
+    if wrong:
+        raise ValidationError.from_exception_data("scenarios", [fields.complaint(line) for line in wrong])
+    return made
 
 
 class LanesTable(fields.Table):

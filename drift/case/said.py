@@ -23,18 +23,23 @@ def digest(case: Case, *, moves: bool = False) -> str:
     all_of_it = {
         field.name: getattr(case, field.name) for field in dataclasses.fields(case) if field.name not in left_out
     }
-    return hashlib.sha256(_words(all_of_it, frozenset(case.inputs)).encode()).hexdigest()
+    return hashlib.sha256(_words(all_of_it, frozenset(case.inputs), {}).encode()).hexdigest()
 
 
-def _words(value: Any, paths: frozenset[str]) -> str:
-    """Return a value in words that say all of it, to the last bit."""
+def _words(value: Any, paths: frozenset[str], known: dict[int, str]) -> str:
+    """Return a value in words that say all of it, to the last bit.
+
+    known: those of records, by their ids, which are gone through once however many share them.
+    """
     if dataclasses.is_dataclass(value):
-        fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
-        return f"{type(value).__name__}{_words(fields, paths)}"
+        if id(value) not in known:
+            fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+            known[id(value)] = f"{type(value).__name__}{_words(fields, paths, known)}"
+        return known[id(value)]
     if isinstance(value, dict):
-        return "{" + ",".join(f"{key}:{_words(part, paths)}" for key, part in value.items()) + "}"
+        return "{" + ",".join(f"{key}:{_words(part, paths, known)}" for key, part in value.items()) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ",".join(_words(part, paths) for part in value) + "]"
+        return "[" + ",".join(_words(part, paths, known) for part in value) + "]"
     if isinstance(value, np.ndarray):
         return f"{value.dtype.str}{value.shape}{value.tobytes().hex()}"
     if isinstance(value, float | np.floating):

@@ -3,6 +3,7 @@
 Scenarios, objects, sources, errors and expectations have files of their own; here is what holds them together.
 """
 
+from collections import Counter
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -13,6 +14,7 @@ from drift.case.about import AboutTable
 from drift.case.barrier import BarrierTable, LineTable
 from drift.case.contact import ContactTable
 from drift.case.expect import Expect
+from drift.case.family import FamilyTable, expanded
 from drift.case.grid import GridTable
 from drift.case.itinerary import VoyageTable, shared
 from drift.case.look import LookTable
@@ -207,7 +209,9 @@ class CaseTable(fields.Table):
     """Voyages by name, `[voyage.passage]`, that several stories share: a phase says `voyage = "passage"`, or `voyage = { like = "passage",
     speed = "3 kn" }` where some of its keys are its own."""
     scenario: list[ScenarioTable] = Field(default_factory=list)
-    """Stories of one object, each with its weight; give these or a `[spill]`."""
+    """Stories of one object, each with its weight; give these, families of them, or a `[spill]`."""
+    family: list[FamilyTable] = Field(default_factory=list)
+    """Hundreds of stories in a few lines: the products of routes, speeds, times."""
     spill: SpillTable | None = None
     """Many objects from one cause."""
     find: list[FindTable] = Field(default_factory=list)
@@ -242,8 +246,8 @@ class CaseTable(fields.Table):
     @model_validator(mode="before")
     @classmethod
     def with_shared_voyages(cls, data: Any) -> Any:
-        """Put the voyages that stories share where they are named."""
-        return shared(data)
+        """Make scenarios of families, and put the voyages that stories share where they are named."""
+        return shared(expanded(data))
 
     @field_validator("seed")
     @classmethod
@@ -264,13 +268,13 @@ class CaseTable(fields.Table):
     @model_validator(mode="after")
     def whole(self) -> "CaseTable":
         """Refuse a case of nothing, one of two kinds, and one whose times don't fit its direction."""
-        wrong = [*self._subject(), *self._backward(), *self._span()]
+        wrong = [*self._subject(), *self._families(), *self._backward(), *self._span()]
         fields.refuse(self, wrong)
         return self
 
     def _subject(self) -> list[str]:
         if bool(self.scenario) == (self.spill is not None):
-            return ["give either [[scenario]] tables, of one object, or a [spill] of many"]
+            return ["give either [[scenario]] or [[family]] tables, of one object, or a [spill] of many"]
         wrong = []
         if self.spill is None and (self.find or self.patrol or self.patrol_unit):
             wrong.append("[[find]], [[patrol]] and [[patrol_unit]] belong to a [spill]")
@@ -279,6 +283,17 @@ class CaseTable(fields.Table):
         if self.spill is not None and (given := self._of_a_search()):
             wrong.append(f"{given} belongs to a search with [[scenario]] tables; a [spill] has [[find]] and [[patrol]]")
         return wrong
+
+    def _families(self) -> list[str]:
+        """Return families that bear the name of another one or of a scenario: tables by scenario name both."""
+        names = Counter([table.name for table in self.family])
+        stories = {table.name for table in self.scenario} if names else set()
+        wrong = [
+            f'family "{name}": two families have this name; give each its own' for name in names if names[name] > 1
+        ]
+        return wrong + [
+            f'family "{name}": a scenario has this name too; give each its own' for name in names if name in stories
+        ]
 
     def _backward(self) -> list[str]:
         given = self._of_a_search() if self.direction == "backward" and self.spill is None else ""

@@ -278,18 +278,24 @@ class SensorTable(fields.Table):
 def by_scenario(given: dict[str, float], scenarios: Sequence[Scenario], key: str) -> tuple[float, ...]:
     """Return values in the order of the scenarios from a table by name.
 
-    Every scenario is in the table, and nothing else.
+    Every scenario is in the table, by its own name or else by that of its family, and nothing else.
     """
     names = [scenario.name for scenario in scenarios]
+    places = {scenario.name: scenario.family for scenario in scenarios if scenario.family is not None}
+    families = dict.fromkeys(place.family.name for place in places.values())
+    called = [*families, *names]
     for name in given:
-        if name not in names:
-            near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+        if name not in called:
+            near = difflib.get_close_matches(name, called, n=1, cutoff=0.5)
             hint = f'did you mean "{near[0]}"? ' if near else ""
-            raise ValueError(f'{key}: no scenario "{name}"; {hint}there are: {", ".join(names)}')
-    missing = [name for name in names if name not in given]
+            there = ", ".join(dict.fromkeys([*families, *(name for name in names if name not in places)]))
+            raise ValueError(f'{key}: no scenario "{name}"; {hint}there are: {there}')
+    keys = [name if name in given or name not in places else places[name].family.name for name in names]
+    missing = [own for own in keys if own not in given]
     if missing:
-        raise ValueError(f'{key} lacks scenario "{missing[0]}"; give one for each, 0 where it is not seen at all')
-    return tuple(given[name] for name in names)
+        what = "family" if missing[0] in families else "scenario"
+        raise ValueError(f'{key} lacks {what} "{missing[0]}"; give one for each, 0 where it is not seen at all')
+    return tuple(given[own] for own in keys)
 
 
 def _zone(row: object) -> tuple[float, float, float]:

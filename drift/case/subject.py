@@ -4,7 +4,9 @@ They are built from their tables and checked against the run.
 """
 
 import math
+from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -88,19 +90,20 @@ def classes(spill: Spill, start: np.datetime64, end: np.datetime64, forcing: For
 
 
 def scenarios(
-    tables: list[ScenarioTable],
+    case: CaseTable,
     start: np.datetime64,
     end: np.datetime64,
     forcing: Forcing,
     folder: Path,
 ) -> tuple[Scenario, ...]:
     """Return the scenarios of a case, weights adding up to 1; raise UserError where they don't fit the run."""
-    wrong = Mistakes()
+    wrong, tables = Mistakes(), case.scenario
+    families = {name: place for family in case.family for name, place in family.places().items()}
     total = math.fsum(table.weight for table in tables)
     if total <= 0:
         wrong.lines.append("scenario weights add up to 0; at least one must be above 0")
     names = [table.name for table in tables]
-    for name in sorted({name for name in names if names.count(name) > 1}):
+    for name in sorted(name for name, times in Counter(names).items() if times > 1):
         wrong.lines.append(f'scenario "{name}": two scenarios have this name; give each its own')
     wrong.lines += [
         f'scenario "{name}": tables call all scenarios together by this word; give it another name'
@@ -110,7 +113,8 @@ def scenarios(
     records = []
     for table in tables:
         with wrong.gathered():
-            records.append(_scenario(table, table.weight / (total or 1.0), start, end, forcing, folder))
+            record = _scenario(table, table.weight / (total or 1.0), start, end, forcing, folder)
+            records.append(replace(record, family=families.get(table.name)))
     wrong.refuse()
     return tuple(records)
 

@@ -18,6 +18,7 @@ from geo.notation import NMI, group, position
 WORTH_A_WARNING = 0.01  # share of the probability lost from which a line says so
 ASHORE = 0.01  # share of a POS that is of what lies ashore from which it is told apart
 WORST = 5  # stretches of coast that are listed
+LIKELIEST = 3  # values on an axis of families that are told
 DENSEST = 3  # of those with most objects per km
 
 TIMES = ("time", "time_10", "time_50", "time_90")  # in the summary of an origin
@@ -46,7 +47,8 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     facts |= _lost(numbers)
     facts |= _coast(numbers)
     facts |= {"members": _members(numbers["members"])} if "members" in numbers else {}
-    return facts | _stories(numbers["scenario_weights"])
+    facts |= _stories(numbers["scenario_weights"])
+    return facts | _by_axis(numbers["stories"]) if "stories" in numbers else facts
 
 
 def _areas(output: dict[str, Any]) -> Facts:
@@ -137,6 +139,22 @@ def _stories(stories: dict[str, Any]) -> Facts:
     if shown.rest:
         prior, posterior = shown.sums(table)[:, -1]
         facts[shown.names(names)[-1]] = f"{_percent(posterior)} (before: {_percent(prior)}); see summary.json"
+    return facts
+
+
+def _by_axis(told: dict[str, Any]) -> Facts:
+    """Return of families how likely the likeliest values on each axis are, and how many scenarios count; nothing without families."""
+    facts: Facts = {}
+    for axis, values in told["axes"].items():
+        first = sorted(values, key=lambda label: -values[label]["posterior"])[:LIKELIEST]
+        parts = [
+            f"{label} {_percent(values[label]['posterior'])} (before: {_percent(values[label]['prior'])})"
+            for label in first
+        ]
+        facts[f"stories by {axis}"] = ", ".join(parts)
+    if facts:
+        before, now = (told["effective"][key] for key in ("prior", "posterior"))
+        facts["stories that count"] = f"{now:.3g} of {told['number']:,} (before: {before:.3g})"
     return facts
 
 

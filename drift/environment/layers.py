@@ -22,6 +22,7 @@ from drift.environment.ambient import Flow
 from drift.maps import chart, labels
 from drift.maps.chart import Frame
 from drift.maps.overlay import Overlay
+from drift.motion import family
 from drift.motion import lanes as network_of
 from drift.motion.itinerary import InBox, InDisc, InRing, Itinerary, Near, Place, Ways
 from drift.motion.lanes import Network
@@ -180,7 +181,9 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
         phase.lanes.network for _, own in stories for phase in own.phases if isinstance(phase, Ways) and phase.lanes
     ]
     network = network_of.joined(networks) if networks else None
-    groups = list(_ways(stories).items())
+    places_of = {scenario.name: scenario.family for scenario in scenarios if scenario.family is not None}
+    ways = _ways(stories)
+    groups = [(shapes, family.together(names, places_of)) for shapes, names in ways.items()]
     rings = list(dict.fromkeys(ring for _, own in stories for ring in own.rings))
     corners = [list(zip(np.degrees(ring.lon).tolist(), np.degrees(ring.lat).tolist(), strict=True)) for ring in rings]
 
@@ -195,9 +198,7 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
         patrols(ax, frame, corners)
 
     if len(groups) > len(WAY_COLOURS):
-        rows: list[tuple[Any, str]] = [
-            (Line2D([], [], **CROWD), f"Ways of {sum(len(names) for _, names in groups)} scenarios")
-        ]
+        rows: list[tuple[Any, str]] = [(Line2D([], [], **CROWD), f"Ways of {sum(map(len, ways.values()))} scenarios")]
     else:
         rows = [(Line2D([], [], **_style(k)), f"Way: {_names(names)}") for k, (_, names) in enumerate(groups)]
     if any(shapes.outlines for shapes, _ in groups):

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from drift.environment import corridors
-from drift.motion import lanes
+from drift.motion import family, lanes
 from drift.motion.itinerary import Abeam, InRing, Loiter, Near, Phase, Ways, middle
 from drift.motion.lanes import Network
 from drift.motion.scenario import Scenario
@@ -93,7 +93,7 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
                         f"{where}; let this one begin where that one ends, or {OTHERWISE}"
                     ] = None
     if wrong:
-        raise UserError(*wrong)
+        raise UserError(*family.gathered([*wrong], {s.name: s.family for s in scenarios if s.family is not None}))
 
 
 def _touching(legs: Network, shore: corridors.Shore, place: str, what: str) -> Iterator[tuple[int, str, str]]:

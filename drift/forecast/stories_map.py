@@ -24,6 +24,7 @@ from drift.maps.sheet import Badge, Row, Sheet
 from geo import notation
 
 WIDE, GAP, OVER, SIDE = 3.0, 0.14, 0.46, 0.35  # [in] of a map, between maps, over each, left of all
+LETTERS = 30  # of a story's name over its map
 LIKELY = 0.01  # probability of a story from which on the maps' extent follows it
 
 
@@ -34,6 +35,7 @@ def draw(forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence
     last = replace(forecast, data=forecast.data.isel(time=[-1]))
     all_of = "All classes" if "effective_worlds" in last.data else "All stories"
     panels = [Story(all_of, 1.0, 1.0, last), *found]
+    names = page.names([story.name for story in panels], LETTERS)
     few = [story.name for story in panels if _count(story, setting).few]
     sure = [story for story in panels if story.name not in few] or panels
     columns = min(len(panels), 4)
@@ -62,14 +64,14 @@ def draw(forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence
         mesh = forecast_map.small_map(ax, frame, story.forecast, 0, top, land, own, overlays, notes)
         for line in own.lines:
             layers.prior_line(ax, frame, line, setting.lines.index(line), 0.7)
-        _titles(ax, story, whole=k == 0)
+        _titles(ax, story, names[k], whole=k == 0)
         chart.graticule(ax, frame, lines=3, size=7, labels=(k + columns >= len(panels), column == 0))
         if k == 0:
             chart.scale_bar(ax, frame, chart.free_corner(frame, *layers.occupied(frame, forecast, [now])), small=True)
     sheet.head(on, imprint, _contents(forecast, setting, found))
     if few:
-        names = "; ".join(few[:3]) + (f" and {len(few) - 3} more" if len(few) > 3 else "")
-        sheet.rough(on, f"TOO FEW PARTICLES COUNT, areas are rough: {names}")
+        listed = "; ".join(few[:3]) + (f" and {len(few) - 3} more" if len(few) > 3 else "")
+        sheet.rough(on, f"TOO FEW PARTICLES COUNT, areas are rough: {listed}")
     place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (SIDE / width, 0.3 / height)}
     key = _key(panels, setting) + [row for overlay in overlays for row in overlay(now).key]
     sheet.legend(on.figure, key, ncols=len(key), fontsize=8, borderaxespad=0, borderpad=0, **place)
@@ -93,10 +95,10 @@ def _own(setting: Setting, story: Story) -> Setting:
     return replace(setting, marks=marks, lines=[line for line in setting.lines if line.label == story.name])
 
 
-def _titles(ax: Any, story: Story, whole: bool) -> None:
-    """Write over a map whose it is, how likely that was and is, and how large its areas are."""
+def _titles(ax: Any, story: Story, name: str, whole: bool) -> None:
+    """Write over a map by a name whose it is, how likely that was and is, and how large its areas are."""
     at = story.forecast.data.isel(time=0)
-    ax.set_title(page.fit(story.name, 30), fontsize=9, weight="bold", loc="left", pad=14, color=INK)
+    ax.set_title(name, fontsize=9, weight="bold", loc="left", pad=14, color=INK)
     small: dict[str, Any] = {"fontsize": 7, "color": INK, "transform": ax.transAxes}
     ax.text(1, 1.015, forecast_map.sizes(at, "") if story.now > 0 else "ruled out", ha="right", **small)
     if not whole:

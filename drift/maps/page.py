@@ -2,7 +2,8 @@
 
 import textwrap
 import warnings
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -50,6 +51,32 @@ def save(canvas: FigureCanvasAgg, path: Path, title: str, attributes: Mapping[st
 def fit(text: str, characters: float) -> str:
     """Return a text cut to a number of letters."""
     return textwrap.shorten(text, int(characters), placeholder=" …")
+
+
+def names(texts: Sequence[str], characters: float) -> list[str]:
+    """Return names that stand beside each other cut to a number of letters, so that those that differ still do.
+
+    Names of several parts, "transit, north, 8 kn", that begin alike leave out the parts that they share where one of them is too
+    long. Where cut names would still be alike, they keep their ends.
+    """
+    many = int(characters)
+    if all(len(text) <= many for text in texts):
+        return list(texts)
+    families: dict[str, list[str]] = {}
+    for text in dict.fromkeys(texts):
+        families.setdefault(text.split(", ")[0], []).append(text)
+    short: dict[str, str] = {}
+    for own in families.values():
+        parts = [text.split(", ") for text in own]
+        same = 0
+        if len(own) > 1 and max(map(len, own)) > many:
+            while all(len(one) > same + 1 and one[same] == parts[0][same] for one in parts):
+                same += 1
+        short |= {text: "… " * (same > 0) + ", ".join(one[same:]) for text, one in zip(own, parts, strict=True)}
+    found = {text: fit(own, many) for text, own in short.items()}
+    times = Counter(found.values())
+    found = {text: own if times[own] == 1 else f"…{short[text][1 - many :]}" for text, own in found.items()}
+    return [found[text] for text in texts]
 
 
 def banner(figure: Figure, x: float, y: float, side: str, size: float, text: str) -> None:

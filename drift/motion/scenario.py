@@ -13,6 +13,7 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
+from drift.motion.family import InFamily
 from drift.motion.itinerary import Itinerary
 from drift.motion.leeway import Drifter
 from geo import sphere
@@ -144,6 +145,7 @@ class Scenario:
     motion: Any = None  # parameters of the model's own: opaque to all but the model
     survival: Survival | None = None
     itinerary: Itinerary | None = None  # how it steers until its distress; None: it is adrift from the first
+    family: InFamily | None = None  # where it stands in its family; None: it is in none
     # How loud it is to a passive sonar [dB re 1 uPa at 1 m], or rows of speed [m/s] and level; None: not told.
     source_level: float | tuple[tuple[float, float], ...] | None = None
 

@@ -3,6 +3,7 @@
 import json
 import math
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -134,12 +135,12 @@ def toml(plan: Plan, taken: Sequence[str] = ()) -> str:
         while title in used:
             title, number = f"{name} {tasking.unit.name} ({number})", number + 1
         used.add(title)
-        table = _table(title, tasking, plan.scenarios)
+        table = _table(title, tasking, plan)
         parts += ["", "[[sortie]]", *(f"{key} = {value}" for key, value in table.items())]
     return "\n".join(parts) + "\n"
 
 
-def _table(name: str, tasking: Tasking, scenarios: Sequence[str]) -> dict[str, str]:
+def _table(name: str, tasking: Tasking, plan: Plan) -> dict[str, str]:
     """Return the keys of a [[sortie]] table with their values in TOML."""
     sortie = tasking.sortie
     table = {"name": _quoted(name)}
@@ -151,9 +152,9 @@ def _table(name: str, tasking: Tasking, scenarios: Sequence[str]) -> dict[str, s
     if not sortie.ashore:
         table["ashore"] = "false"
     table["law"] = laws.of(sortie.law).written(sortie.law)
-    table["sweep_width"] = _widths(sortie.sweep_width, scenarios)
+    table["sweep_width"] = _widths(sortie.sweep_width, plan)
     if sortie.width_under_way not in ((), sortie.sweep_width):
-        table["sweep_width_under_way"] = _widths(sortie.width_under_way, scenarios)
+        table["sweep_width_under_way"] = _widths(sortie.width_under_way, plan)
     if math.isfinite(sortie.shape):
         table["sweep_width_uncertainty"] = f"{1 / math.sqrt(sortie.shape):.9g}"
     if sortie.group:
@@ -213,11 +214,23 @@ def _is_parallel(tasking: Tasking) -> bool:
     return False
 
 
-def _widths(widths: Sequence[float], scenarios: Sequence[str]) -> str:
+def _widths(widths: Sequence[float], plan: Plan) -> str:
+    """Return sweep widths in TOML: one, or one by scenario; a family has that of most of its scenarios, by its own name."""
     values = [_quoted(f"{width / NMI:.9g} nmi") for width in widths]
     if len(set(values)) == 1:
         return values[0]
-    return _inline({_quoted(name): value for name, value in zip(scenarios, values, strict=True)})
+    families = plan.families or (None,) * len(values)
+    found: dict[str, Counter[str]] = {}
+    for family, value in zip(families, values, strict=True):
+        if family is not None:
+            found.setdefault(family, Counter())[value] += 1
+    table = {family: many.most_common(1)[0][0] for family, many in found.items()}
+    table |= {
+        name: value
+        for name, family, value in zip(plan.scenarios, families, values, strict=True)
+        if family is None or table[family] != value
+    }
+    return _inline({_quoted(name): value for name, value in table.items()})
 
 
 def _inline(table: Mapping[str, str]) -> str:

@@ -199,6 +199,7 @@ def _worth(case: Case, rounds: _Rounds, result: Result) -> Plan:
         unbounded=why,
         alternatives=rounds.alternatives if spec.rounds == 1 else (),
         scenarios=tuple(scenario.name for scenario in case.scenarios),
+        families=tuple(scenario.family.family.name if scenario.family else None for scenario in case.scenarios),
         shares=_before(result.updates, updates[0].name),
         made_on=rounds.made_on,
         scored_on=scored_on,

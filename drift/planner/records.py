@@ -62,6 +62,9 @@ class Plan:
     bound_error: float  # standard error of `bound` less `value`, each of which is a mean over particles of its own
     alternatives: tuple[Alternative, ...]  # their values are of the particles that `seen` is of
     scenarios: tuple[str, ...]
+    families: tuple[
+        str | None, ...
+    ] = ()  # (scenarios,) the name of the family of each, None: it is in none; (): none is
     shares: Array | None = None  # (scenarios,) probability of each before the plan; None: not known
     ashore: float = 0.0  # probability that it lies ashore, or has run aground, when the plan begins
     pos_ashore: float = 0.0  # the part of pos that is of what lies ashore as a unit passes

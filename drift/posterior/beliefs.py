@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from drift.motion import family
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.particles.columns import Columns
 from drift.posterior import marginal
 from drift.posterior.marginal import TURN, Marginal
-from drift.posterior.quantities import QUANTITIES
+from drift.posterior.quantities import QUANTITIES, of_axis
 from drift.posterior.quantity import Quantity
 from drift.posterior.records import Posteriors, Stage, Told
 from drift.posterior.source import Source
@@ -21,6 +22,12 @@ class Beliefs:
         self._stages: list[Stage] = []
         told = (_told(quantity, source.columns(quantity), columns, spec) for quantity in QUANTITIES)
         self._told = [one for one in told if one is not None]
+        self._own = {quantity.name: np.arange(len(spec.scenarios)) for quantity in QUANTITIES if quantity.by_scenario}
+        for place, own in enumerate(family.along([scenario.family for scenario in spec.scenarios]), 1):
+            if self._told and self._told[0].quantity.by_scenario:  # else one scenario alone has any weight
+                quantity = of_axis(own.axis)
+                self._told.insert(place, Told(quantity, 0.0, 0.0, own.axis.labels))
+                self._own[quantity.name] = own.number
         self.note("before the first update", "prior", spec.period.start, columns)
 
     def note(self, name: str, kind: str, time: np.datetime64, columns: Columns) -> None:
@@ -38,9 +45,12 @@ class Beliefs:
         if not self._told:
             return None
         names = tuple(scenario.name for scenario in self._spec.scenarios)
-        return Posteriors(names, self._spec.period, tuple(self._told), tuple(self._stages))
+        families = tuple(scenario.family for scenario in self._spec.scenarios)
+        return Posteriors(names, self._spec.period, tuple(self._told), tuple(self._stages), families)
 
     def _marginal(self, told: Told, own: marginal.Weighted) -> Marginal:
+        if told.quantity.by_scenario:
+            return marginal.of_scenarios(own, self._own[told.quantity.name], len(told.labels))
         found = self.source.columns(told.quantity)
         assert found is not None
         if told.quantity.kind == "category":

@@ -30,6 +30,7 @@ from geo.array import Array
 
 A_BAND = 4  # quantities beside each other
 MOST_ROWS = 12  # of more updates the first row and the last are shown
+NAME = 32  # letters of a value's name
 MOST_VALUES = 12  # of a category; of more the likeliest, and all others together
 LEFT, PANEL, BESIDE, GAP = 2.65, 1.95, 0.9, 0.34  # [in]: names of rows, a chart, its figures, what parts two charts
 ROW, OVER, UNDER = 0.5, 0.42, 0.36  # [in]: a row, the heading over a band, the numbers under it
@@ -147,16 +148,12 @@ def _under(own: Panel) -> float:
     """Return the room [in] that the numbers or names under a chart take."""
     if not own.names:
         return UNDER
-    return 0.2 + (0.115 * 3 if _level(own) else LETTER * max(len(_short(name)) for name in own.names)) + 0.12
+    return 0.2 + (0.115 * 3 if _level(own) else LETTER * max(map(len, page.names(own.names, NAME)))) + 0.12
 
 
 def _level(own: Panel) -> bool:
     """Whether the names of values are few enough to stand level."""
     return len(own.names) <= 3
-
-
-def _short(name: str) -> str:
-    return page.fit(name, 32)
 
 
 def _chart(ax: Axes, own: Panel, many: int) -> None:
@@ -226,9 +223,11 @@ def _ticks(ax: Axes, own: Panel) -> None:
         ax.set_xticks(np.arange(len(own.names)))
         ax.tick_params(axis="x", length=0)
         if _level(own):
-            ax.set_xticklabels(["\n".join(textwrap.wrap(_short(name), 16)[:3]) for name in own.names], fontsize=7.5)
+            ax.set_xticklabels(
+                ["\n".join(textwrap.wrap(page.fit(name, NAME), 16)[:3]) for name in own.names], fontsize=7.5
+            )
         else:
-            ax.set_xticklabels([_short(name) for name in own.names], rotation=90, fontsize=7)
+            ax.set_xticklabels(page.names(own.names, NAME), rotation=90, fontsize=7)
     elif told.quantity.kind == "time":
         return
     elif told.quantity.kind == "circular":

@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from drift.particles import partials, weights
 from drift.particles.columns import Columns
@@ -35,7 +36,9 @@ class Marginal:
 
     share: Array  # (rows,) probability of those for which the quantity means anything
     ess: Array  # (rows,) effective number of these particles (Kong 1992)
-    table: Array  # of a category the shares of its values (rows, values), else those of BINS of all together (1, BINS)
+    # of a category the shares of its values (rows, values), or of one that is the scenarios' own (1, values); else those of BINS of
+    # all together (1, BINS)
+    table: Array
     mean: Array | None = None  # (rows,); of angles the direction of the mean vector, 0 to a turn
     std: Array | None = None  # (rows,); of angles sqrt(-2 ln R), R the length of the mean vector (Mardia 1972)
     quantiles: Array | None = None  # (rows, LEVELS); of angles those of a turn that begins opposite the mean
@@ -104,6 +107,19 @@ def of_category(own: Weighted, values: Columns, many: int) -> Marginal:
     sums, total = _summed(coded)[:, :, 0], own.total[:, None]
     table = np.divide(sums, total, out=np.full(sums.shape, np.nan), where=total > 0)
     return Marginal(table.sum(axis=1), held.ess, table)
+
+
+def of_scenarios(own: Weighted, number: npt.NDArray[np.int64], many: int) -> Marginal:
+    """Return the distribution of a category whose value is the scenario's own, of all scenarios together: the table has one row.
+
+    number: of each scenario's value, (scenarios,), 0 to many - 1; -1: it has none.
+    """
+    holds, total = number >= 0, own.total[:-1]
+    sums = np.bincount(number[holds], total[holds], many)
+    held, squares = np.append(total * holds, sums.sum()), own.squares[:-1] * holds
+    squares = np.append(squares, squares.sum())
+    ess = np.divide(held**2, squares, out=np.zeros(len(held)), where=squares > 0)
+    return Marginal(_over(held, own.total), ess, _over(sums, own.total[-1])[None])
 
 
 def of_number(own: Weighted, values: Columns, low: float, high: float) -> Marginal:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drift.motion.ensemble_spec import EnsembleSpec
+from drift.motion.family import Axis
 from drift.motion.itinerary import Course, InRing, Itinerary, Loiter, Place, Ways
 from drift.particles import members
 from drift.particles.status import Status
@@ -152,8 +153,18 @@ def _destinations(spec: EnsembleSpec) -> tuple[str, ...]:
     return ends(spec).labels
 
 
+def _of_none(drawn: Drawn) -> None:
+    return None
+
+
+def of_axis(axis: Axis) -> Quantity:
+    """Return an axis of families of scenarios as a quantity; what particles have of it their scenarios say."""
+    heading = f"{axis.name[:1].upper()}{axis.name[1:]} (by story)"
+    return Quantity(f"axis {axis.name}", heading, "category", _of_none, by_scenario=True)
+
+
 QUANTITIES = (
-    Quantity("scenario", "Scenario", "category", _scenario, labels=_scenarios),
+    Quantity("scenario", "Scenario", "category", _scenario, labels=_scenarios, by_scenario=True),
     Quantity("departure", "Departure", "time", _departure),
     Quantity("speed", "Speed of advance", "number", _speed, "kn", 1 / KNOT),
     Quantity("course", "First course", "circular", _course, "deg", 360 / TURN),

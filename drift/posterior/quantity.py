@@ -41,3 +41,4 @@ class Quantity:
     unit: str = ""  # in files and pictures
     scale: float = 1.0  # how many of these units an SI unit, or a radian, is
     labels: Callable[[EnsembleSpec], tuple[str, ...]] | None = None  # the values of a category, in words
+    by_scenario: bool = False  # a category: its value is the scenario's own, and nothing is told of single scenarios

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drift.motion.family import InFamily
 from drift.motion.period import Period
 from drift.posterior.marginal import Marginal
 from drift.posterior.quantity import Quantity
@@ -41,3 +42,4 @@ class Posteriors:
     period: Period  # from whose start times count
     told: tuple[Told, ...]
     stages: tuple[Stage, ...]  # the first is the prior
+    families: tuple[InFamily | None, ...] = ()  # (scenarios,) where each stands in its family

@@ -5,7 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from drift.forecast import likeliest
+from drift.forecast.likeliest import Shown
 from drift.output import formats
+from drift.posterior import ranking
 from drift.posterior.marginal import LEVELS, Marginal
 from drift.posterior.records import Posteriors, Told
 from geo import notation
@@ -47,14 +50,14 @@ def _scenarios(posteriors: Posteriors, k: int) -> list[tuple[int, str]]:
     ever = np.any([np.nan_to_num(stage.marginals[k].share) > 0 for stage in posteriors.stages], axis=0)
     ever[:-1] &= np.max([stage.scenarios for stage in posteriors.stages], axis=0) >= LEAST
     names = posteriors.scenarios
-    single = len(names) == 1 or posteriors.told[k].quantity.name == "scenario"  # then all together say it
+    single = len(names) == 1 or posteriors.told[k].quantity.by_scenario  # then all together say it
     return [(j, name) for j, name in enumerate(names) if ever[j] and not single] + [(len(names), ALL)]
 
 
 def _cells(posteriors: Posteriors, told: Told, found: Marginal, row: int) -> list[list[str]]:
     """Return value, share, mean, std and quantiles of a row of a marginal; of a category a list a value."""
     if told.quantity.kind == "category":
-        shares = zip(told.labels, found.table[row], strict=True)
+        shares = zip(told.labels, found.table[-1 if told.quantity.by_scenario else row], strict=True)
         return [[label, _text(share), *[""] * (2 + len(LEVELS))] for label, share in shares]
     assert found.mean is not None
     assert found.std is not None
@@ -78,8 +81,15 @@ def moment(posteriors: Posteriors, elapsed: float) -> np.datetime64:
     return posteriors.period.time(round(elapsed))
 
 
+def summary(posteriors: Posteriors) -> dict[str, Any]:
+    """Return what the summary says of posteriors, and of scenarios by rank."""
+    ranked = ranking.of(posteriors)
+    return {"posteriors": numbers(posteriors), **({"stories": ranking.numbers(ranked)} if ranked else {})}
+
+
 def numbers(posteriors: Posteriors) -> list[dict[str, Any]]:
-    """Return the distributions of all scenarios together, for the summary."""
+    """Return the distributions of all scenarios together, for the summary; of many scenarios the likeliest and the others as one."""
+    shown = likeliest.of([stage.scenarios for stage in posteriors.stages])
     return [
         {
             "update": stage.number,
@@ -87,7 +97,7 @@ def numbers(posteriors: Posteriors) -> list[dict[str, Any]]:
             "kind": stage.kind,
             "time": stage.time,
             "quantities": {
-                told.quantity.name: _numbers(posteriors, told, found)
+                told.quantity.name: _numbers(posteriors, told, found, shown)
                 for told, found in zip(posteriors.told, stage.marginals, strict=True)
             },
         }
@@ -95,10 +105,13 @@ def numbers(posteriors: Posteriors) -> list[dict[str, Any]]:
     ]
 
 
-def _numbers(posteriors: Posteriors, told: Told, found: Marginal) -> dict[str, Any]:
+def _numbers(posteriors: Posteriors, told: Told, found: Marginal, shown: Shown) -> dict[str, Any]:
     share = {"share": float(found.share[-1]), "ess": float(found.ess[-1])}
     if told.quantity.kind == "category":
-        return {**share, "values": dict(zip(told.labels, found.table[-1].tolist(), strict=True))}
+        labels, values = told.labels, found.table[-1]
+        if told.quantity.name == "scenario":
+            labels, values = tuple(shown.names(labels)), shown.sums(values)
+        return {**share, "values": dict(zip(labels, values.tolist(), strict=True))}
     assert found.mean is not None
     assert found.std is not None
     assert found.quantiles is not None

@@ -25,6 +25,7 @@ from geo.forcing.sources import Source
 from geo.notation import NMI
 from kernels import runtime
 
+NAMED = 4  # values on an axis of a family that are all named
 CHECKED = 10_000  # particles that a check draws
 
 
@@ -72,16 +73,40 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
     if case.spill and stretches:
         lines |= _spill(case.spill, stretches)
     story = "class" if case.spill else "scenario"
-    weights = np.array([scenario.weight for scenario in case.scenarios])
+    lines |= _families(case, begin.dry)
+    own = [k for k, scenario in enumerate(case.scenarios) if scenario.family is None]
+    weights = np.array([case.scenarios[k].weight for k in own])
     shown = likeliest.of(weights)
-    for scenario, dry in ((case.scenarios[k], begin.dry[k]) for k in shown.alone):
+    for scenario, dry in ((case.scenarios[own[k]], begin.dry[own[k]]) for k in shown.alone):
         lines[f'{story} "{scenario.name}"'] = _scenario(scenario, dry)
     if shown.rest:
-        objects = {_becomes(case.scenarios[k]) for k in shown.rest}
+        objects = {_becomes(case.scenarios[own[k]]) for k in shown.rest}
         some = ", ".join(sorted(objects)[:3]) + (f" and {len(objects) - 3} more" if len(objects) > 3 else "")
-        name = shown.names([scenario.name for scenario in case.scenarios])[-1]
+        name = shown.names([case.scenarios[k].name for k in own])[-1]
         lines[name] = f"{shown.sums(weights)[-1]:.0%} together: {some}"
     return lines | _search(case)
+
+
+def _families(case: Case, dry: Sequence[float]) -> dict[str, str]:
+    """Return how families of scenarios were understood, each by its axes and its likeliest scenario; dry: as of `_scenario`."""
+    lines: dict[str, str] = {}
+    for family in dict.fromkeys(scenario.family.family for scenario in case.scenarios if scenario.family):
+        own = [k for k, s in enumerate(case.scenarios) if s.family is not None and s.family.family == family]
+        first = case.scenarios[max(own, key=lambda k: case.scenarios[k].weight)]
+        axes = [
+            f"{axis.name} {', '.join(axis.labels) if len(axis.labels) <= NAMED else _span(axis.labels)}"
+            for axis in family.axes
+        ]
+        lines[f'family "{family.name}"'] = (
+            f"{sum(case.scenarios[k].weight for k in own):.0%}, {len(own):,} scenarios: {'; '.join(axes)}"
+        )
+        name = f'such as "{first.name}"'
+        lines[name] = _scenario(first, max(dry[k] for k in own)).replace("its prior", "a prior at most")
+    return lines
+
+
+def _span(labels: Sequence[str]) -> str:
+    return f"{labels[0]} to {labels[-1]} ({len(labels)})"
 
 
 def _becomes(scenario: Scenario) -> str:
@@ -102,7 +127,8 @@ def _scenario(scenario: Scenario, dry: float) -> str:
     """Return how a scenario was understood; dry: share of its prior that is on land."""
     own = scenario.itinerary
     adrift = f"{scenario.object.name}: {scenario.object.description}"
-    text = f"{scenario.weight:.0%}, {adrift if own is None else voyage.words(own, adrift)}"
+    weight = f"{scenario.weight:.0%}" if scenario.weight >= 0.01 else f"{scenario.weight:.2%}"
+    text = f"{weight}, {adrift if own is None else voyage.words(own, adrift)}"
     if scenario.object.lull > 0 and (own is None or own.distress is not None):
         text += f"; leads upwind in winds below {scenario.object.lull:.1f} m/s"
     if dry > 0:

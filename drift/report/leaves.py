@@ -147,14 +147,14 @@ def table(
     *,
     file: str = "",
     rows: Sequence[Sequence[Any]] = (),
-    where: Mapping[str, str] | None = None,
+    where: Mapping[str, str | list[str]] | None = None,
     by_time: str = "",
     note: str = "",
 ) -> Leaf:
     """Return a table of a CSV file, or of rows in the order of the columns.
 
-    where: values that columns of the file have. by_time: the column with the time of a row, of which those of the map's time are
-    marked.
+    where: values that columns of the file have, a list of them for any of these. by_time: the column with the time of a row, of
+    which those of the map's time are marked.
     """
     return {
         "leaf": "table", "title": title, "columns": [list(column) for column in columns], "file": file,

@@ -52,7 +52,8 @@ def draw(updates: Updates, path: Path, setting: Setting) -> None:
         bottom = height - 1.35 - below - (k // ACROSS + 1) * (HIGH + 0.75) + 0.72
         ax = on.figure.add_axes((left / width, bottom / height, wide / width, HIGH / height))
         _panel(ax, crossings, crossing, stories)
-    symbols = [(_stroke(j), page.fit(crossings.scenarios[j], 34)) for j in stories]
+    names = page.names([crossings.scenarios[j] for j in stories], 34)
+    symbols = [(_stroke(j), name) for j, name in zip(stories, names, strict=True)]
     if len(crossings.scenarios) > 1:
         symbols.append((Line2D([], [], color="#111111", linewidth=2.4), "all together"))
         sheet.legend(

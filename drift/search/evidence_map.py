@@ -31,6 +31,7 @@ from geo.array import Array
 A_LINE = 4  # scenarios on a line of the legend
 HUGE = 1e6  # Bayes factor beyond which its exact value adds nothing
 MOST = 22  # rows; of more updates the last are shown
+THIN = 0.006  # share of a scenario below which its bar has no edge
 DIGIT = 0.072  # [in] width of a small digit
 OVERHANG = 0.12  # [in] how far numbers over a chart may reach beyond its right edge
 # Any two differ by hatch, or by a lightness that is seen in grey print too.
@@ -131,7 +132,7 @@ def words(update: Update, before: Array, scenarios: tuple[str, ...]) -> tuple[st
 
 
 def _quoted(names: list[str]) -> str:
-    quoted = [f'"{page.fit(name, 30)}"' for name in names[:2]]
+    quoted = [f'"{page.fit(name, 34 if len(names) == 1 else 30)}"' for name in names[:2]]
     return " and ".join(quoted) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
 
 
@@ -182,11 +183,11 @@ def _explained(updates: Updates) -> str:
 def _legend(figure: Figure, updates: Updates, top: float) -> None:
     """Name the scenarios with their bar and their line, in columns, the first line first."""
     rows: list[tuple[Any, str]] = []
-    for j, name in enumerate(updates.scenarios):
+    for j, name in enumerate(page.names(updates.scenarios, 34)):
         colour, dashes, marker = STROKES[j % len(STROKES)]
         bar = Patch(edgecolor=INK, linewidth=0.6, **FILLS[j % len(FILLS)])
         line = Line2D([], [], color=colour, linestyle=dashes, marker=marker, markersize=5, markeredgecolor="white")
-        rows.append(([bar, line], page.fit(name, 34)))
+        rows.append(([bar, line], name))
     columns = min(A_LINE, len(rows))
     order = [i for c in range(columns) for i in range(c, len(rows), columns)]  # legends fill column by column
     sheet.legend(
@@ -212,14 +213,16 @@ def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float
     first = shown[0][1][1] if shown else np.asarray(updates.prior, float)
     rows = [first, *(np.asarray(update.posterior, float) for _, (update, _) in shown)]
     begin = "before the first update" if not shown or shown[0][0] == 1 else f"after update {shown[0][0] - 1}"
-    said = [("", ""), *(words(update, before, updates.scenarios) for _, (update, before) in shown)]
+    short = tuple(page.names(updates.scenarios, 34))
+    said = [("", ""), *(words(update, before, short) for _, (update, before) in shown)]
     heads = ("Probability of each scenario [%]", "What moved it")
     ax = _rows(figure, room, shown, begin, said, heads, wide=not _flown(updates))
     left, y = np.zeros(len(rows)), np.arange(len(rows))
     for j in range(len(updates.scenarios)):
         share = np.array([row[j] for row in rows])
         fill = FILLS[j % len(FILLS)]
-        ax.barh(y, share, 0.62, left, edgecolor=INK, linewidth=0.6, zorder=3, **fill)
+        edges = np.where(share >= THIN, 0.6, 0.0)  # bars of many that are unlikely would be nothing but edges
+        ax.barh(y, share, 0.62, left, edgecolor=INK, linewidth=edges.tolist(), zorder=3, **fill)
         for k in y[share >= 0.09]:
             _figure(ax, left[k] + share[k] / 2, int(k), f"{100 * share[k]:.0f}", fill)
         left += share
@@ -310,7 +313,7 @@ def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> 
     before = times[0] - max(0.08 * (times[-1] - times[0]), 3600)
     ax.set_xlim(before, times[-1] + 0.04 * (times[-1] - before))
     order = [*range(len(updates.scenarios)), -1] if len(updates.scenarios) > 1 else [-1]
-    texts = []
+    texts, short = [], page.names(updates.scenarios, 24)
     for j in order:
         colour, dashes, marker = STROKES[j % len(STROKES)] if j >= 0 else ("#111111", "-", "o")
         style: dict[str, Any] = {"color": colour, "linestyle": dashes, "linewidth": 1.4 if j >= 0 else 2.4}
@@ -319,8 +322,8 @@ def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> 
         ax.plot(
             times, values[:, j], marker, color=colour, markersize=5, markeredgecolor="white", zorder=6, clip_on=False
         )
-        name = updates.scenarios[j] if j >= 0 else "all together"
-        texts.append((float(values[-1, j]), f"{_percent(values[-1, j])}  {page.fit(name, 24)}", colour, j < 0))
+        name = short[j] if j >= 0 else "all together"
+        texts.append((float(values[-1, j]), f"{_percent(values[-1, j])}  {name}", colour, j < 0))
     _ends(ax, texts)
     ticks = labels.round_times(*ax.get_xlim(), 4)
     ax.set_xticks(ticks, labels=[notation.day_time(np.datetime64(round(t), "s")) for t in ticks])

@@ -37,7 +37,7 @@ class Ear:
         return np.asarray(np.max(gain.beams[list(self.beams)] if self.beams else gain.beams, axis=0))
 
     @cached_property
-    def _ranges(self) -> Array:
+    def ranges(self) -> Array:
         """The ranges [m] to which losses are laid out, evenly, as far as anything can be heard."""
         own = self.sonar
         far = own.losses.range
@@ -54,21 +54,26 @@ class Ear:
 
     def tables(self, lon: float, lat: float, heading: float, time: np.datetime64) -> Tables:
         """Return what a kernel takes of it at a place [rad], with its array on a heading [rad], at a time."""
-        own, ranges = self.sonar, self._ranges
+        own, ranges = self.sonar, self.ranges
         rays = even(own.losses.bearing, MOST_RAYS)
         sides = max(even(own.gain.bearing, MOST_SIDES), even(own.noise.bearing, MOST_SIDES))
         sides = max(sides, LEAST_SIDES) if sides > 1 else 1
-        by_range = _along(ranges, own.losses.range, losses.between(own.losses, lon, lat))
+        laid = self.laid_out(losses.between(own.losses, lon, lat), rays)
         toward = np.arange(sides) * TURN / sides
         gains = round_circle(toward - heading, own.gain.bearing, self.gain)
-        gains = gains - round_circle(toward, own.noise.bearing, self._noise(time)) - own.threshold
+        gains = gains - round_circle(toward, own.noise.bearing, self.noise(time)) - own.threshold
         return Tables(
-            np.ascontiguousarray(round_circle(np.arange(rays) * TURN / rays, own.losses.bearing, by_range), np.float32),
+            np.ascontiguousarray(laid, np.float32),
             float(ranges[0]), float(ranges[1] - ranges[0]), gains.astype(np.float32), own.levels.level,
             own.levels.speed.astype(np.float32), own.fluctuation, own.jump_rate,
         )  # fmt: skip
 
-    def _noise(self, time: np.datetime64) -> Array:
+    def laid_out(self, loss: Array, rays: int) -> Array:
+        """Return losses (b, r) laid out evenly (rays, rings)."""
+        by_range = _along(self.ranges, self.sonar.losses.range, loss)
+        return round_circle(np.arange(rays) * TURN / rays, self.sonar.losses.bearing, by_range)
+
+    def noise(self, time: np.datetime64) -> Array:
         """Return the noise [dB] by bearing at a time, straight between the times that are given (b,)."""
         own = self.sonar.noise
         if not own.times.size:

@@ -22,7 +22,7 @@ from geo.errors import UserError
 SPEED = 1500.0  # [m/s]
 FLOOR = -40.0  # [dB] lowest gain, from the beam's peak; what leaks into a real array is higher than theory's nulls
 HALF_POWER = 0.886  # wavelengths by aperture: width in cos(a) of a long line's beam between its points of -3 dB
-STEP = 0.07  # of n x / 2 from bearing to bearing: straight lines err by 0.08 dB at 20 dB below the peak
+STEP = 0.07  # of n x / 2 from bearing to bearing: straight lines err by 0.07 dB at 20 dB below a long line's peak
 MOST_VALUES = 25_000_000  # of a table of beams and bearings, 100 MB
 MOST_ELEMENTS = 2000
 AGREE = 0.1  # [dB] between bearings that stand twice in a table
@@ -51,7 +51,8 @@ def of_line(
     _check(elements, spacing, frequency, sound_speed, floor, name)
     kd = 2.0 * math.pi * frequency / sound_speed * spacing
     cosines = _steering(elements, kd, beams, steered, name)
-    half = max(90, math.ceil(math.pi * elements * kd / 2.0 / STEP))  # bearings of a half circle
+    step = STEP * np.sinc(1.0 / elements)  # a short line's nulls are steeper at that level
+    half = max(90, math.ceil(math.pi * elements * kd / 2.0 / step))  # bearings of a half circle
     if 2 * half * len(cosines) > MOST_VALUES:
         raise UserError(
             f"{name}: {len(cosines)} beams of {elements} elements at {frequency:g} Hz need a table of "

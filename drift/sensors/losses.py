@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from drift.sensors import circle, places, table_file, table_values
 from drift.sensors.places import Places
@@ -74,15 +75,22 @@ def between(losses: Losses, lon: float, lat: float) -> NDArray[np.float32]:
     if len(losses.loss) == 1:
         only: NDArray[np.float32] = losses.loss[0]
         return only
-    joined = _joined.get(losses)
-    if joined is None:
-        joined = _joined[losses] = places.join(losses.lon, losses.lat, losses.name)
-    which, weight = places.weights(joined, lon, lat)
+    which, weight = weights(losses, lon, lat)
     share = weight.astype(np.float32)
     table = share[0] * losses.loss[which[0]]
     for k in range(1, len(which)):
         table += share[k] * losses.loss[which[k]]
     return np.asarray(table, np.float32)
+
+
+def weights(losses: Losses, lon: float, lat: float) -> places.Weights:
+    """Return the numbers of the places whose losses hold at a position [rad], and their weights; of one, or of up to three."""
+    if len(losses.loss) == 1:
+        return np.zeros(1, np.int64), np.ones(1)
+    joined = _joined.get(losses)
+    if joined is None:
+        joined = _joined[losses] = places.join(losses.lon, losses.lat, losses.name)
+    return places.weights(joined, lon, lat)
 
 
 def _places(found: Found) -> tuple[Array, Array, list[str]]:
@@ -135,14 +143,17 @@ def _coordinate(data: xr.Dataset, free: list[str], pattern: Any, units: Any, sta
 
 def _check_apart(lon: Array, lat: Array, name: str) -> None:
     """Refuse a place that stands twice."""
-    for k in range(1, len(lon)):
-        metres = sphere.distance(lon[:k], lat[:k], lon[k], lat[k])
-        if metres.min() < places.SAME:
-            first = int(np.argmin(metres))
-            raise UserError(
-                f"{name}: places {first + 1} and {k + 1} are the same ({np.degrees(lon[k]):g} E, {np.degrees(lat[k]):g} N); "
-                "leave one of them out"
-            )
+    if len(lon) < 2:
+        return
+    points = np.stack(sphere.vector(lon, lat), axis=1)
+    apart, near = cKDTree(points).query(points, k=2)
+    k = int(np.argmin(apart[:, 1]))
+    if apart[k, 1] * sphere.RADIUS < places.SAME:
+        first, second = sorted((k, int(near[k][near[k] != k][0])))
+        raise UserError(
+            f"{name}: places {first + 1} and {second + 1} are the same ({np.degrees(lon[k]):g} E, {np.degrees(lat[k]):g} N); "
+            "leave one of them out"
+        )
 
 
 def _check_losses(table: Array, labels: Sequence[Label], name: str) -> None:

@@ -23,7 +23,7 @@ REMEDY = "mend its attribute units, or set variable to that of the noise"
 def constant(level: float, *, name: str = "noise") -> Noise:
     """Return noise of one level [dB], everywhere and always."""
     table = np.full((1, 1), level, np.float64)
-    _check_levels(table, (("time", np.arange(1), ""), ("bearing", np.zeros(1), " deg")), name)
+    _check_levels(table, (), name)
     return Noise(np.zeros(1), table.astype(np.float32), NONE)
 
 
@@ -35,7 +35,7 @@ def of_table(rows: Sequence[Sequence[float]], *, name: str = "noise") -> Noise:
             f"{name}: a table of noise has rows of [true bearing in degrees, level in dB], and at least one"
         )
     bearing, level = pairs.T
-    _check_levels(level[None], (("row", np.arange(1), ""), ("bearing", bearing, " deg")), name)
+    _check_levels(level, (("bearing", bearing, " deg"),), name)
     radians, table = circle.around(bearing, level[None], 1, name, AGREE, "dB")
     return Noise(radians, table.astype(np.float32), NONE)
 
@@ -69,7 +69,8 @@ def _check_levels(table: Array, labels: Sequence[Label], name: str) -> None:
     """Refuse levels that no noise has."""
     wrong = ~((table >= LEAST) & (table <= MOST))
     if wrong.any():
+        place = f" at {table_values.where(wrong, labels)}" if labels else ""
         raise UserError(
-            f"{name}: a noise level of {table[wrong][0]:.6g} dB at {table_values.where(wrong, labels[-table.ndim :])}; allowed "
-            f"are {LEAST:g} to {MOST:g} dB re 1 uPa^2/Hz: mend it"
+            f"{name}: a noise level of {table[wrong][0]:.6g} dB{place}; allowed are {LEAST:g} to {MOST:g} dB re 1 uPa^2/Hz: "
+            "mend it"
         )

@@ -23,7 +23,7 @@ from geo.errors import UserError
 from geo.forcing import clock, component, slices, tile
 from geo.grids import grid as grids
 from geo.grids import locate, naming, regrid, target
-from geo.grids.layout import Axes, Curved, Layout
+from geo.grids.layout import Axes, Layout
 
 MEANT = re.compile(r"\bp(o)?d\b|^(p|pod|pd|detection)$|probability|detection|blip.?scan", re.I)
 SHARES = ("", "1", "unitless", "dimensionless", "probability", "fraction")
@@ -110,8 +110,6 @@ def _over_places(data: xr.Dataset, asked: Asked, coordinates: Mapping[str, str],
     table = table.reshape(-1, *table.shape[len(kinds) :])
     for k, index in enumerate(slices.window(layout), start=1):
         table = np.take(table, index, axis=k)
-    if isinstance(layout, Curved):  # points of land that have no position are not missing
-        table = np.where(np.isfinite(table) | (np.isfinite(layout.lon) & np.isfinite(layout.lat)), table, 0.0)
     labels = (("time", _moments(when), ""), *_labels(layout, dims, table.shape[1:]))
     table = _probabilities(table, table_values.unit_of(found, variable), labels, name, gaps)
     grid = tile.regular(layout, layout)
@@ -167,7 +165,9 @@ def _probabilities(table: Array, unit: str, labels: Sequence[table_file.Label], 
         )
     if gaps == "blind":
         table = np.where(np.isnan(table), 0.0, table)
-    table_values.check_whole(table, labels, name, ', or set gaps = "blind" where nothing is detected')
+    table_values.check_whole(
+        table, labels, name, "" if gaps == "blind" else ', or set gaps = "blind": nothing is detected there'
+    )
     wrong = (table < -ROUNDING) | (table > 1.0 + ROUNDING)
     if wrong.any():
         first = float(table[wrong][0])

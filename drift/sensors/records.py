@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.array import Array
+from geo.polyline import Area, LonLat
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,3 +95,22 @@ class Sensor:
     place: tuple[float, float] | None = None  # (lon, lat) [deg] where it stands; None: on what carries it
     heading: float = 0.0  # [rad] true, of the array of a sensor that stands
     group: str = ""  # sensors of one group share their unknown
+
+
+@dataclass(frozen=True, eq=False)
+class Tow:
+    """A ship that tows an array, which a plan may place: it listens along one or two legs."""
+
+    name: str
+    sensor: Sensor
+    begin: Area  # where it may begin to listen
+    speed: float  # [m/s] while it listens
+    ready: np.datetime64
+    endurance: float = math.inf  # [s] of listening
+    base: LonLat | None = None  # (lon, lat) [deg] where it is when it is ready; None: wherever it is to begin
+    transit_speed: float = math.nan  # [m/s] from its base to where it begins
+    allowed: Area | None = None  # which it does not leave while it listens; None: it goes anywhere
+    courses: tuple[float, float] | None = (
+        None  # [rad] it steers courses from the first clockwise to the second; None: any
+    )
+    legs: int = 2  # most legs, 1 or 2

@@ -15,7 +15,7 @@ EDGE = 10.0  # [m] width over which the gain of a convergence zone rises and fal
 CYLINDRICAL = 10.0  # [dB] for ten times the range, beyond the transition
 FARTHEST = 2.0e7  # [m] half way round the Earth
 
-# Limits of Francois and Garrison's measurements, rounded outwards, and of their equation's sound speed.
+# The oceans, and frequencies about those of Francois and Garrison's measurements.
 ALLOWED = {
     "frequency": (10.0, 1.0e6, "Hz"), "temperature": (-2.0, 35.0, "degrees Celsius"), "salinity": (0.0, 45.0, "g/kg"),
     "depth": (0.0, 10_000.0, "m"), "ph": (7.0, 8.6, ""),
@@ -80,8 +80,8 @@ def absorption(
     """Return the absorption of sound in sea water [dB/km].
 
     frequency [Hz], temperature [degrees Celsius], salinity [g/kg], depth [m], pH: Francois and Garrison 1982, part II,
-    doi:10.1121/1.388673, equations 2 to 10: boric acid, magnesium sulphate and pure water. They put its error at 5 %
-    from 10 to 500 kHz and 10 % outside.
+    doi:10.1121/1.388673: the sum of boric acid, magnesium sulphate and pure water. It is for all oceans from 200 Hz to
+    1 MHz and accurate to about 5 %; below 200 Hz, where sound is absorbed by 0.01 dB/km at most, it is extrapolated.
     """
     given = {"frequency": frequency, "temperature": temperature, "salinity": salinity, "depth": depth, "ph": ph}
     for key, value in given.items():

@@ -9,7 +9,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -35,15 +35,13 @@ ANGLES = {  # [deg]
 LIKE = {
     "bearing": (
         re.compile(r"azimuth|bearing|_from_direction|_to_direction", re.I),
-        re.compile(
-            r"^(true_?)?(bearings?|radials?|azimuths?|azim?|brg|directions?|headings?)(_?(deg|rad|true))?$", re.I
-        ),
-        re.compile(r"\b(azimuth|bearing|radial|direction)s?\b", re.I),
+        re.compile(r"^(true_?)?(bearings?|radials?|azimuths?|azim?|brg|directions?)(_?(deg|rad|true))?$", re.I),
+        re.compile(r"^(the |true )*(azimuth|bearing|radial|direction)s?\b", re.I),
     ),
     "range": (
         re.compile(r"range_coordinate|(^|_)range(_|$)|(^|_)distance(_|$)", re.I),
         re.compile(r"^(ranges?|distances?|dist|rng|radius|r)(_?(m|km|nmi?))?$", re.I),
-        re.compile(r"\b(range|distance)\b", re.I),
+        re.compile(r"^(the |horizontal |slant |radial )*(range|distance)s?\b", re.I),
     ),
 }
 NEITHER = re.compile(r"depth|height|altitude|freq|elevation|pressure|time|level", re.I)
@@ -176,9 +174,10 @@ def dimensions(data: xr.Dataset, name: str, kinds: Sequence[str]) -> tuple[dict[
     for dim in dims:
         along = [dim] if dim in data.variables else []
         along += [str(n) for n, v in data.variables.items() if v.dims == (dim,) and n not in (dim, name)]
+        along += [] if dim in data.variables else [""]
         for kind in kinds:
             if kind in LIKE:
-                scores += [(_likeness(kind, dim, n, data), kind, dim, n) for n in along or [""]]
+                scores += [(_likeness(kind, dim, n, data), kind, dim, n) for n in along]
     for score, kind, dim, coordinate in sorted(scores, key=lambda s: -s[0]):
         if score > 0 and kind not in found and dim not in found.values():
             found[kind], coordinates[kind] = dim, coordinate
@@ -191,26 +190,31 @@ def dimensions(data: xr.Dataset, name: str, kinds: Sequence[str]) -> tuple[dict[
 
 
 def _likeness(kind: str, dim: str, name: str, data: xr.Dataset) -> float:
-    """Return how well a coordinate fits a kind of dimension: standard name, name, long name, unit; 0 for not at all."""
+    """Return how well a coordinate fits a kind of dimension: standard name, name, long name, unit; 0 for not at all.
+
+    name: of the coordinate; "" for a dimension that has none of its own, and may be told by its name alone. What else
+    lies along it (the sea's depth along the range) does not become its coordinate by that.
+    """
     standards, names, longs = LIKE[kind]
     attributes = data[name].attrs if name else {}
     standard, long, units = (str(attributes.get(key, "")).strip() for key in ("standard_name", "long_name", "units"))
     if naming.NORTH_UNITS.match(units) or naming.EAST_UNITS.match(units) or standard in ("latitude", "longitude"):
         return 0.0
-    own = 0.5 * (name == dim)  # before another coordinate of the same dimension
     if standards.search(standard):
-        return 8.0 + own
+        return 8.0
     if NEITHER.search(name or dim) or NEITHER.search(standard):
         return 0.0
-    if names.match(name) or names.match(dim):
-        return (4.0 if names.match(name) else 3.0) + own
-    if longs.search(long):
-        return 2.0 + own
-    return 1.0 + own if kind == "bearing" and units.lower() in ANGLES else 0.0
+    if not name:
+        return 0.5 if names.match(dim) else 0.0
+    if names.match(name):
+        return 4.0
+    if longs.search(long) and not NEITHER.search(long):
+        return 2.0
+    return 1.0 if kind == "bearing" and units.lower() in ANGLES else 0.0
 
 
 def selected(data: xr.Dataset, name: str, asked: Asked) -> xr.Dataset:
-    """Return a dataset at the values that are chosen of its dimensions; refuse one that is not there."""
+    """Return a dataset at the values that are chosen of its dimensions; refuse one that is not there, and no values."""
     for key, value in asked.select.items():
         dims = [str(d) for d in data[name].dims]
         beside = {
@@ -234,6 +238,8 @@ def selected(data: xr.Dataset, name: str, asked: Asked) -> xr.Dataset:
             )
         if dim is not None:
             data = data.isel({dim: index})
+    if 0 in data[name].shape:
+        raise UserError(f"{asked.name}: {spoken(data, name)} holds no values; give a table with some")
     return data
 
 
@@ -242,7 +248,8 @@ def _entries(data: xr.Dataset, key: str, dim: str | None) -> Array:
     if key not in data.variables:
         return np.arange(data.sizes[key])
     if " since " in str(data[key].attrs.get("units", "")):
-        return clock.decode(data, key)[0]
+        with suppress(UserError):  # what is no date is chosen by its number
+            return clock.decode(data, key)[0]
     values = np.atleast_1d(np.asarray(data[key].values))
     if dim is not None and values.ndim != 1:
         return np.arange(data.sizes[dim])
@@ -291,8 +298,6 @@ def values(found: Found, dims: Sequence[str]) -> Array:
                 f"{_unit(data, dim)}); choose one with select = {{ {dim} = ... }}"
             )
     count = math.prod(int(data.sizes[d]) for d in dims)
-    if count == 0:
-        raise UserError(f"{found.name}: {spoken(data, name)} holds no values; give a table with some")
     if count > MOST_VALUES:
         raise UserError(
             f"{found.name}: {spoken(data, name)} has {count:,} values; at most {MOST_VALUES:,} are read: cut it"

@@ -34,6 +34,8 @@ def unit_of(found: Found, variable: str) -> str:
 def axis(found: Found, kind: str) -> Array:
     """Return the values of a table's bearings [deg] or ranges [m], in the file's order."""
     coordinate = found.coordinates[kind]
+    if kind == "bearing" and found.data.sizes[found.kinds[kind]] == 1:
+        return np.zeros(1)  # it holds all round, whatever it is
     if not coordinate:
         raise UserError(
             f'{found.name}: the dimension "{found.kinds[kind]}" has no coordinate; give the file a variable '
@@ -42,11 +44,13 @@ def axis(found: Found, kind: str) -> Array:
     given = np.asarray(found.data[coordinate].values)
     if not np.issubdtype(given.dtype, np.number):
         raise UserError(f'{found.name}: "{coordinate}" holds no numbers; {kind}s are numbers in {SPOKEN[kind]}')
+    if not np.isfinite(given).all():
+        raise UserError(
+            f'{found.name}: {np.sum(~np.isfinite(given))} of the {kind}s "{coordinate}" are missing; mend the file'
+        )
     unit = unit_of(found, coordinate)
     allowed = UNITS[kind]
     if unit.lower() not in allowed or unit == "M":  # nautical miles on charts, and no metres
-        if not unit and kind == "bearing" and given.size == 1:
-            return given.astype(np.float64)  # it holds all round, whatever it is
         had = f'in "{unit}"' if unit else "in no unit"
         raise UserError(
             f'{found.name}: the {kind}s "{coordinate}" are {had}; allowed are {SPOKEN[kind]}: mend their attribute units, or '
@@ -59,10 +63,6 @@ def ranges(found: Found) -> tuple[Array, NDArray[np.intp]]:
     """Return the ranges [m], ascending, and their places in the file."""
     metres, name = axis(found, "range"), found.name
     coordinate = found.coordinates["range"]
-    if not np.isfinite(metres).all():
-        raise UserError(
-            f'{name}: {np.sum(~np.isfinite(metres))} of the ranges "{coordinate}" are missing; mend the file'
-        )
     order = np.argsort(metres, kind="stable")
     metres = metres[order]
     if metres[0] < 0:
@@ -113,7 +113,7 @@ def where(wrong: NDArray[np.bool_], labels: Sequence[Label]) -> str:
     index = np.unravel_index(int(np.argmax(wrong)), wrong.shape)
     words = list[str]()
     for k, (word, along, unit) in zip(index, labels, strict=True):
-        if wrong.shape[len(words)] == 1 and word == "place":
+        if wrong.shape[len(words)] == 1 and word in ("place", "time"):
             words.append("")
             continue
         value = along[k]

@@ -19,6 +19,8 @@ def alive_at(scenarios: Sequence[Scenario], standing: Standing, time: float) -> 
 
     time: [s after start]. Both have shape (S + 1,). A scenario without survival times counts as alive.
     """
+    if not any(scenario.survival for scenario in scenarios):
+        return np.ones(len(scenarios) + 1), np.zeros(len(scenarios) + 1)
     by_bin = np.ones_like(standing.mass)
     for s, scenario in enumerate(scenarios):
         if scenario.survival:

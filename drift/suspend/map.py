@@ -126,8 +126,8 @@ def _left(ax: Axes, suspension: Suspension) -> None:
     for width, colour, hatch, word in parts:
         ax.barh(y, width, 0.5, left, facecolor=colour, hatch=hatch, edgecolor=INK, linewidth=0.8, label=word, zorder=3)
         left = left + width
-    for k, name in enumerate(rows):
-        words = f"{page.fit(name, 26)}: POS {share(float(pos[k]))}; of the rest {share(float(never[k]))} never searched"
+    for k, name in enumerate(page.names(rows, 32)):
+        words = f"{name}: POS {share(float(pos[k]))}; of the rest {share(float(never[k]))} never searched"
         ax.text(0.01, y[k] - 0.33, words, fontsize=7, color=INK, va="bottom")
     ax.set_ylim(len(rows) - 0.5, -0.75)
     ax.set_xlim(0, 1)
@@ -202,7 +202,7 @@ def _legend(figure: Figure, suspension: Suspension) -> None:
         Line2D([], [], color=STROKES[s % len(STROKES)][0], linestyle=STROKES[s % len(STROKES)][1], linewidth=1.4)
         for s in range(len(suspension.scenarios))
     ]
-    names = [page.fit(name, 30) for name in suspension.scenarios]
+    names = page.names(suspension.scenarios, 30)
     sheet.legend(
         figure,
         [*zip(handles, names, strict=True), (Line2D([], [], **ALL), "all, two standard errors")],

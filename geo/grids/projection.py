@@ -31,6 +31,8 @@ def plane(
         if axis_name not in data.variables or data[axis_name].ndim != 1:
             return None
         variable = data[axis_name]
+        if not np.issubdtype(variable.dtype, np.number):
+            return None
         standard, units = (str(variable.attrs.get(k, "")).strip() for k in ("standard_name", "units"))
         rotated = standard in ("grid_longitude", "grid_latitude")
         planar = standard in (f"projection_{key}_coordinate", "projection_x_coordinate", "projection_y_coordinate")

@@ -277,7 +277,7 @@ REFUSED: list[tuple[dict[str, str], str]] = [
     ({"scenario.0.currents": "['gulf']"}, r'scenario "raft".currents: no source "gulf"; there are: set'),
     ({"scenario.0.currents": "[]"}, "has no current: add"),
     ({"scenario.0.winds": "[]"}, r'object "LIFE-RAFT-DB-10" drifts with the wind and there is none: add \[\[wind\]\]'),
-    ({"scenario": "[]"}, r"give either \[\[scenario\]\] tables, of one object, or a \[spill\] of many"),
+    ({"scenario": "[]"}, r"give either \[\[scenario\]\] or \[\[family\]\] tables, of one object, or a \[spill\] of many"),
     ({"particles": "0"}, "particles: 0 particles; at least 1"),
     ({"particles": "1_000_000_000_000"}, "1,000,000,000,000 particles; at most 2,147,483,647"),
     ({"particles": "2.5"}, "not a whole number"),

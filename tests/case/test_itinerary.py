@@ -398,4 +398,9 @@ def test_stories_share_a_voyage(tmp_path: Path) -> None:
     ],
 )
 def test_a_shared_voyage_that_is_wrong(tmp_path: Path, old: str, new: str, told: str) -> None:
-    assert told in refused(tmp_path, HEAD + OPEN + STILL + SHARED.replace(old, new))
+    path = tmp_path / "trial.toml"
+    path.write_text(HEAD + OPEN + STILL + SHARED.replace(old, new))
+    with pytest.raises(UserError) as refusal:
+        case_file.load(path)
+    assert all(told in line or line.startswith("trial.toml: scenario") for line in refusal.value.lines)
+    assert any(told in line for line in refusal.value.lines)  # a line for each story that names it

@@ -8,8 +8,8 @@ import pytest
 from places import ROOT
 from pydantic import BaseModel
 
+from drift.case import family, itinerary
 from drift.case import file as case_file
-from drift.case import itinerary
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -27,6 +27,8 @@ HEADINGS: dict[str, type[BaseModel]] = {
     "Way points": itinerary.PointTable,
     "Distress": itinerary.DistressTable,
     "vessel": itinerary.VesselTable,
+    "[[family]]": family.FamilyTable,
+    "[family.axis.NAME]": family.AxisTable,
 }
 
 
@@ -50,3 +52,14 @@ def test_the_example_of_a_scenario_loads(tmp_path: Path) -> None:
     itinerary_of = case_file.load(path).scenarios[0].itinerary
     assert itinerary_of is not None
     assert itinerary_of.distress is not None
+
+
+def test_the_example_of_a_family_loads(tmp_path: Path) -> None:
+    (example,) = [text for text in re.findall(r"```toml\n(.*?)```", TEXT, re.DOTALL) if "[[family]]" in text]
+    path = tmp_path / "trial.toml"
+    head = 'title = "trial"\nstart = "141800ZOCT26"\nduration = "84 h"\ncoast.source = "none"\n'
+    path.write_text(head + example)
+    case = case_file.load(path)
+    assert len(case.scenarios) == 200
+    assert case.scenarios[1].name == "transit, north, 6-7 kn, +3 h"
+    assert sum(scenario.weight for scenario in case.scenarios[:100]) == pytest.approx(0.75)

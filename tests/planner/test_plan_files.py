@@ -156,7 +156,7 @@ def test_the_numbers_are_json():
 def sorties(text):
     """Return the records that a case file's reader makes of tables."""
     rows = [sortie_table.SortieTable.model_validate(row) for row in tomllib.loads(text)["sortie"]]
-    scenarios = [SimpleNamespace(name=name, search_object=None, itinerary=None) for name in searches.NAMES]
+    scenarios = [SimpleNamespace(name=name, search_object=None, itinerary=None, family=None) for name in searches.NAMES]
     return sortie_table.build(rows, sortie_table.Run(searches.BEGIN, searches.hours(48), scenarios, Path()))
 
 
@@ -220,3 +220,11 @@ def test_names_that_are_hard_to_write_are_kept():
     assert list(row["sweep_width"]) == ['a "b"', "c.d", "é\n"]
     assert ET.fromstring(plan_files.gpx(odd)).find(".//{*}rte/{*}name").text == f"A-1 {name}".replace("\t", "")
     assert "Sæbjørn" in ET.fromstring(plan_files.kml(odd)).find(".//{*}Folder/{*}name").text
+
+
+def test_sweep_widths_of_a_family_are_written_once() -> None:
+    """A family has that of most of its scenarios; one that differs, and one of no family, has its own."""
+    plan = replace(searches.plan(), scenarios=("f, a", "f, b", "f, c", "own"), families=("f", "f", "f", None))
+    told = plan_files._widths([1852.0, 3704.0, 1852.0, 0.0], plan)
+    assert told == '{ "f" = "1 nmi", "f, b" = "2 nmi", "own" = "0 nmi" }'
+    assert plan_files._widths([1852.0] * 4, plan) == '"1 nmi"'

@@ -76,7 +76,8 @@ function tabled(leaf, file, picked) {
   let rows = file ? file.rows : leaf.rows;
   for (const [name, value] of Object.entries(leaf.where)) {
     const column = file.header.indexOf(name);
-    rows = rows.filter(row => row[column] === value);
+    const wanted = new Set([value].flat()); // a value, or a list of them for any of these
+    rows = rows.filter(row => wanted.has(row[column]));
   }
   const made = element("table"), head = element("tr"), body = element("tbody");
   const more = rows.length > WHOLE ? ` The first ${WHOLE} of ${rows.length.toLocaleString("en")} rows; ${leaf.file} has all.` : "";

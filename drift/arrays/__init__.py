@@ -1,0 +1,1 @@
+"""Towed and fixed arrays: what to process of what they hear."""

@@ -1,0 +1,170 @@
+"""Families: scenarios that are the products of a few axes, as of routes, speeds and times of departure.
+
+A scenario of a family knows its value on each axis; what is told of the scenarios can so be told by axis, and a mistake
+that many of them share in one line.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from geo.array import Array
+
+OPENING = 'scenario "'  # of a line about a scenario
+NAMED = 3  # values of an axis that a line names
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What differs in a family: its name, and what each of its values is called."""
+
+    name: str
+    labels: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Family:
+    """A family of scenarios."""
+
+    name: str
+    axes: tuple[Axis, ...]
+    stories: tuple[tuple[int, ...], ...]  # of each its values on the axes, by number
+
+    def __hash__(self) -> int:
+        """Return the hash of its name: that of thousands of stories would be reckoned anew for each of them."""
+        return hash(self.name)
+
+    @property
+    def names(self) -> list[str]:
+        """What its scenarios are called."""
+        return [
+            ", ".join([self.name, *(axis.labels[k] for axis, k in zip(self.axes, at, strict=True))])
+            for at in self.stories
+        ]
+
+
+@dataclass(frozen=True)
+class InFamily:
+    """Where a scenario stands in its family."""
+
+    family: Family
+    at: tuple[int, ...]  # the number of its value on each axis
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """What its value is called, by the name of the axis."""
+        return {axis.name: axis.labels[k] for axis, k in zip(self.family.axes, self.at, strict=True)}
+
+
+@dataclass(frozen=True)
+class Along:
+    """The scenarios of a run along an axis; families whose axes bear one name are told together."""
+
+    axis: Axis
+    number: npt.NDArray[np.int64]  # (scenarios,) of the value of each, -1: it has no such axis
+
+    def shares(self, probability: Array) -> Array:
+        """Return the probability of each value by that of scenarios: (..., scenarios) to (..., values)."""
+        of = self.number[:, None] == np.arange(len(self.axis.labels))
+        return np.asarray(probability @ of)
+
+
+def along(places: Sequence[InFamily | None]) -> list[Along]:
+    """Return the axes on which the scenarios of a run differ; places: of each, None: it is in no family."""
+    found: dict[str, dict[str, int]] = {}
+    labels = [place.labels if place else {} for place in places]
+    for family in dict.fromkeys(place.family for place in places if place):
+        for axis in family.axes:  # their values in the order of the case
+            known = found.setdefault(axis.name, {})
+            for label in axis.labels:
+                known.setdefault(label, len(known))
+    axes = []
+    for name, known in found.items():
+        number = np.array([known[own[name]] if name in own else -1 for own in labels], np.int64)
+        if np.unique(number).size > 1:
+            axes.append(Along(Axis(name, tuple(known)), number))
+    return axes
+
+
+def effective(probability: Array) -> float:
+    """Return how many scenarios count: the exponential of the entropy of their probabilities."""
+    own = probability[probability > 0]
+    return math.exp(-float((own * np.log(own)).sum())) if own.size else 0.0
+
+
+def gathered(lines: Sequence[str], places: Mapping[str, InFamily]) -> list[str]:
+    """Return lines about scenarios with those that say the same of several of a family made one.
+
+    places: by the names of scenarios. Such a line says of which values of which axes it holds, or of how many
+    scenarios. Other lines stay as they are.
+    """
+    found: dict[tuple[Family | None, str], list[tuple[int, ...]]] = {}
+    for line in lines:
+        name = _about(line, places)
+        if name is None:
+            found.setdefault((None, line), [])
+        else:
+            place, rest = places[name], line[len(OPENING) + len(name) + 1 :]
+            found.setdefault((place.family, rest), []).append(place.at)
+    return [rest if family is None else f'family "{family.name}"{_which(family, {*at})}{rest}' for (family, rest), at in found.items()]  # fmt: skip
+
+
+def _about(line: str, places: Mapping[str, InFamily]) -> str | None:
+    """Return the scenario of a family that a line begins with; None: with none."""
+    if not line.startswith(OPENING):
+        return None
+    end = line.find('"', len(OPENING))
+    while end >= 0:  # names may hold quotation marks
+        if line[len(OPENING) : end] in places:
+            return line[len(OPENING) : end]
+        end = line.find('"', end + 1)
+    return None
+
+
+def together(names: Sequence[str], places: Mapping[str, InFamily]) -> list[str]:
+    """Return what some scenarios are called with those of a family made one: "transit, north (100)".
+
+    places: by the names of scenarios.
+    """
+    found: dict[Family | str, list[tuple[int, ...]]] = {}
+    for name in names:
+        place = places.get(name)
+        found.setdefault(place.family if place else name, []).append(place.at if place else ())
+    told = []
+    for one, some in found.items():
+        if isinstance(one, str):
+            told.append(one)
+        elif len(some) == 1:
+            told.append(one.names[one.stories.index(some[0])])
+        else:
+            values = _values(one, {*some})
+            parts = [_several(axis, own) for axis, own in values] if values is not None else []
+            told.append(f"{', '.join([one.name, *parts])} ({len(some):,})")
+    return told
+
+
+def _which(family: Family, some: set[tuple[int, ...]]) -> str:
+    """Return of which scenarios of a family something is said, "" of all."""
+    values = _values(family, some)
+    if values is None:
+        first = next(name for name, at in zip(family.names, family.stories, strict=True) if at in some)
+        return f', {len(some):,} of its {len(family.stories):,} scenarios, such as "{first}"'
+    return "".join(f", {axis.name} {_several(axis, own, quote=True)}" for axis, own in values)
+
+
+def _values(family: Family, some: set[tuple[int, ...]]) -> list[tuple[Axis, list[int]]] | None:
+    """Return the axes by whose values some scenarios are told from all of their family, with these; None: no values tell."""
+    own = [{at[k] for at in some} for k in range(len(family.axes))]
+    if {at for at in family.stories if all(at[k] in values for k, values in enumerate(own))} != some:
+        return None
+    every = [{at[k] for at in family.stories} for k in range(len(family.axes))]
+    return [(axis, sorted(a)) for axis, a, b in zip(family.axes, own, every, strict=True) if a != b]
+
+
+def _several(axis: Axis, values: Sequence[int], *, quote: bool = False) -> str:
+    labels = [f'"{axis.labels[value]}"' if quote else axis.labels[value] for value in values]
+    more = f" and {len(labels) - NAMED} more" if len(labels) > NAMED else ""
+    return f"{', '.join(labels[:NAMED])}{more}"
