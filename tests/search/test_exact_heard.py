@@ -7,10 +7,10 @@ delta method from the brute force's draws.
 
 import numpy as np
 import pytest
+from courses import HOUR, NMI, out_of, plane, rhumb, triangle
 from scipy import stats
 
 import drift
-from tests.search.test_exact_course import HOUR, NMI, out_of, plane, rhumb, triangle
 
 KN = NMI / HOUR
 PARTICLES, DRAWS = 100_000, 200_000
@@ -161,6 +161,7 @@ def brute():
     return plane(*rhumb(lon, lat, course, speed * 7.0), START), likelihood, tow
 
 
+@pytest.mark.slow
 def test_contacts_of_arrays(tmp_path):
     path = tmp_path / "case.toml"
     path.write_text(case())

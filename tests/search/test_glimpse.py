@@ -171,6 +171,7 @@ probability = 1
 """
 
 
+@pytest.mark.slow
 def test_bridges_wander_into_a_table_and_out_of_it(tmp_path: Path) -> None:
     """Against bridges by steps of 24 s in the plane, on the equator; at any step."""
     lon, lat = np.linspace(179.9, 180.1, 21), np.linspace(-0.06, 0.06, 13)

@@ -264,6 +264,7 @@ def test_what_steers_is_searched_as_in_one_piece(rule: str, tmp_path: Path) -> N
         np.testing.assert_allclose(stage.marginals[told_by].table[-1], update.posterior, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_what_a_sonar_heard_is_as_in_one_piece(tmp_path: Path) -> None:
     case = load(tmp_path, STEERED.replace("below = 0\n", "below = 0.6\n") + HEARD)
     whole = drift.run(case)
