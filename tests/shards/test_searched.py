@@ -184,7 +184,7 @@ sees = "nothing"
 [[sortie]]
 name = "listens"
 start = "+6 h"
-end = "+11 h"
+end = "+6.5 h"
 watch = { sensor = "array", beams = [1, 2, 3] }
 """
 
