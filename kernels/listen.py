@@ -40,12 +40,14 @@ Ear = ti.types.struct(
     sides=ti.i32,  # bearings of the table of gains, evenly round from north
     paces=ti.i32,  # speeds of the table of levels
     spread=ti.f32,  # [dB] standard deviation of the fluctuation
-    rate=ti.f32,  # [1/s] of its jumps
+    rate=ti.f32,  # [1/s] of its jumps; of a table of POD (kernels.glimpse) 1 / the time for which that is there
+    cell_lon=ti.f32,  # [binary angle] from column to column of a table of POD by place, whose middle is at lon, lat
+    cell_lat=ti.f32,  # from row to row
 )
 
 
 @ti.func
-def _round(table: ti.template(), many: ti.i32, stride: ti.i32, at: ti.i32, bearing: ti.f32) -> ti.f32:
+def round_table(table: ti.template(), many: ti.i32, stride: ti.i32, at: ti.i32, bearing: ti.f32) -> ti.f32:
     """Return what a table has at a bearing [rad], straight between its entries, which go round the circle."""
     found = table[at]
     if many > 1:
@@ -74,9 +76,9 @@ def excess(ear: Ear, losses: ti.template(), gains: ti.template(), way: f32x2) ->
         ring = ti.max(ring, 0.0)
         bearing = ti.atan2(way[0], way[1])
         k = ti.min(ti.cast(ring, ti.i32), ear.rings - 2)
-        low = _round(losses, ear.rays, ear.rings, k, bearing)
-        high = _round(losses, ear.rays, ear.rings, k + 1, bearing)
-        found = _round(gains, ear.sides, 1, 0, bearing) - (low + (ring - k) * (high - low))
+        low = round_table(losses, ear.rays, ear.rings, k, bearing)
+        high = round_table(losses, ear.rays, ear.rings, k + 1, bearing)
+        found = round_table(gains, ear.sides, 1, 0, bearing) - (low + (ring - k) * (high - low))
     return found
 
 
@@ -274,7 +276,7 @@ def ear(stretch: Stretch, tables: Tables) -> Any:
     return Ear(
         lon=stretch.place[0], lat=stretch.place[1], to_lon=stretch.to[0], to_lat=stretch.to[1], begin=stretch.begin,
         end=stretch.end, rays=rays, rings=rings, nearest=tables.nearest, between=tables.between,
-        sides=len(tables.gains), paces=len(tables.paces), spread=tables.spread, rate=tables.rate,
+        sides=len(tables.gains), paces=len(tables.paces), spread=tables.spread, rate=tables.rate, cell_lon=1.0, cell_lat=1.0,
     )  # fmt: skip
 
 

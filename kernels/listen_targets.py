@@ -1,7 +1,9 @@
-"""What a passive sonar has heard of each target under way: see kernels.listen.
+"""What a passive sonar has heard, or a sensor with a table of POD has seen, of each target under way.
+
+See kernels.listen and kernels.glimpse.
 
 A piece of a target's way (kernels.pieces) without noise is straight. A Brownian bridge is halved at Levy's midpoints where
-the sonar may hear it, until it strays by no more than the table of losses resolves (kernels.noise: the same midpoints for
+the sensor may tell of it, until it strays by no more than the table of losses resolves, or half a cell of POD (kernels.noise: the same midpoints for
 every sensor that asks); its speed, which the level may depend on, is that of its leg.
 """
 
@@ -10,18 +12,18 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from kernels import batch, jumps, life, listen, noise, sphere, ways
+from kernels import batch, glimpse, jumps, life, listen, noise, sphere, ways
 from kernels.batch import Batch
 from kernels.coast import Ints, Reals
+from kernels.glimpse import HEARD, Pods
 from kernels.listen import Ear, HostReals, Stretch, Tables, f32x2
 from kernels.pieces import NONE, Pieces
 from kernels.sweep_targets import DEPTH, Levels
 
-FAR = 4.0  # strays of a part of a bridge beyond which it does not come
-
 
 @ti.kernel
 def _steering(
+    kind: ti.template(),
     listed: ti.i32,
     first: ti.i32,
     last: ti.i32,
@@ -44,10 +46,10 @@ def _steering(
     held: Reals,
     status: Ints,
     status_since: Ints,
+    shore: ti.i32,
 ):
     many = offsets.shape[0]
     size = log_missed.shape[0] // many
-    reach = ear.nearest + ear.between * (ear.rings - 1)
     for nth in range(first * many, last * many):
         i, f = batch.listed_slot(listed, slots, nth // many), nth % many
         which = scenario[i]
@@ -55,13 +57,15 @@ def _steering(
         if pieces.piece_count[i] != NONE:
             here = i
         if here != NONE:
-            silence = listen.taken(f * size + i, size * many, log_missed, edges, held)
+            silence, total = jumps.at_first(), 0.0
+            if ti.static(kind == HEARD):
+                silence = listen.taken(f * size + i, size * many, log_missed, edges, held)
             now = ear.begin
             while here != NONE:
                 begin = ti.cast(pieces.piece_begin[here] - elapsed, ti.f32)
                 whole = ti.cast(pieces.piece_end[here] - pieces.piece_begin[here], ti.f32)
                 aground = status[i] == life.AGROUND and pieces.piece_begin[here] >= status_since[i]
-                if begin < ear.end and begin + whole > ear.begin and not aground:
+                if begin < ear.end and begin + whole > ear.begin and (shore == 1 or not aground):
                     k = pieces.piece_k[here]
                     mean = f32x2(pieces.piece_east[here], pieces.piece_north[here]).norm()
                     # Parts of the piece, halved where it matters: their ends on a stack, the nearest one on top.
@@ -84,20 +88,18 @@ def _steering(
                                 share = (when - from_) / ti.max(part, 1e-6)
                                 x = ax + ti.cast(ti.round(share * dx), ti.i32)
                                 y = ay + ti.cast(ti.round(share * dy), ti.i32)
-                                found = listen.to(ear, when, x, y)
+                                found = glimpse.where(kind, ear, when, x, y)
                                 if side == 0:
                                     a = found
                                 else:
                                     b = found
-                            d = b - a
-                            nearest = ti.min(ti.max(-a.dot(d) / ti.max(d.dot(d), 1e-12), 0.0), 1.0)
-                            if (
-                                depth < DEPTH
-                                and stray > ti.max(ear.between, listen.FINE)
-                                and (a + nearest * d).norm() < reach + FAR * stray
-                            ):
+                            b = glimpse.onward(kind, ear, a, b)
+                            fine = 0.5 * ear.between
+                            if ti.static(kind == HEARD):
+                                fine = ti.max(ear.between, listen.FINE)
+                            if depth < DEPTH and stray > fine and glimpse.near(kind, ear, a, b, stray) == 1:
                                 halve = 1
-                            else:
+                            elif ti.static(kind == HEARD):
                                 silence = jumps.settled(silence, ear.rate, low - now)
                                 speed = mean
                                 if k <= 0.0:
@@ -107,6 +109,8 @@ def _steering(
                                 source = listen.level(levels, paces, which, speed) + offsets[f]
                                 silence = listen.hear(silence, ear, losses, gains, a, b, high - low, source)
                                 now = high
+                            else:
+                                total += glimpse.hazard(kind, ear, losses, a, b, high - low)
                         if halve == 1:
                             w = noise.further(
                                 seed0, seed1, noise.STREAM_LEVY, i + shift[which], step,
@@ -122,9 +126,12 @@ def _steering(
                             ax, ay = bx, by
                             top -= 1
                 here = pieces.piece_next[here]
-            if status[i] >= life.PENDING:  # else it has gone adrift, and kernels.listen goes on from there
-                silence = jumps.settled(silence, ear.rate, ear.end - now)
-            listen.put(silence, f * size + i, size * many, log_missed, edges, held)
+            if ti.static(kind == HEARD):
+                if status[i] >= life.PENDING:  # else it has gone adrift, and kernels.listen goes on from there
+                    silence = jumps.settled(silence, ear.rate, ear.end - now)
+                listen.put(silence, f * size + i, size * many, log_missed, edges, held)
+            else:
+                log_missed[i] -= total
 
 
 def steering(
@@ -146,6 +153,30 @@ def steering(
     and since when [s after the run's start]. What has run aground is not heard.
     """
     _steering(
-        *own.launched, scenario, made, *noise.key(seed), step.elapsed, step.number, listen.ear(stretch, tables),
-        *listen.flat(tables, offsets), *kept, *ended,
+        HEARD, *own.launched, scenario, made, *noise.key(seed), step.elapsed, step.number, listen.ear(stretch, tables),
+        *listen.flat(tables, offsets), *kept, *ended, 0,
+    )  # fmt: skip
+
+
+def glimpsed(
+    made: Any,
+    own: Batch,
+    scenario: Any,
+    seed: int,
+    step: Any,
+    stretch: Stretch,
+    pods: Pods,
+    shore: bool,
+    log_missed: Any,
+    ended: tuple[Any, Any],
+) -> None:
+    """Add to the logs of misses what a sensor with a table of POD does to targets under way on a stretch of the step just made.
+
+    pods, log_missed: see kernels.glimpse.drifting; shore: whether what has run aground is seen. The rest: see `steering`.
+    """
+    none = np.zeros(1, np.float32)
+    _steering(
+        pods.kind, *own.launched, scenario, made, *noise.key(seed), step.elapsed, step.number,
+        glimpse.ear(stretch, pods), np.ascontiguousarray(pods.table, np.float32).reshape(-1), none, none, none, none,
+        log_missed, log_missed, log_missed, *ended, int(shore),
     )  # fmt: skip

@@ -114,6 +114,15 @@ TAKEN = {
     "bridge._percents": "percentages",
     "bridge._correlation": "-1 to 1, or two rows of two",
     "contact.CourseSeenTable.<lambda>": 'angle, `"10 deg"`',
+    "sonar.decibels.<locals>.check": 'decibels, `"6 dB"`',
+    "sonar.source_level": "decibels, or rows of speed and decibels",
+    "sonar._source_levels": "decibels, rows of speed and decibels, or a table of either by scenario",
+    "sonar._noise": "decibels, rows of bearing and decibels, or a table",
+    "sonar._gain": "decibels, rows of relative bearing and decibels, or a table",
+    "sonar._rate_of_loss": 'absorption, `"0.02 dB/km"`',
+    "sonar._zone": "`[inner range, outer range, gain]`",
+    "sonar._frequency": 'frequency, `"50 Hz"`',
+    "sonar._sound_speed": 'speed of sound, `"1500 m/s"`',
     "route._listed": "names of nodes, or `{ from, via, to }`",
 }
 ANGLES = (

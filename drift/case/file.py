@@ -148,7 +148,8 @@ def _inputs(node: Any, folder: Path, key: str = "") -> Iterator[str]:
     """Give the paths of the files that a case's tables, which are known to be in order, name anywhere."""
     if isinstance(node, Mapping):
         for name, value in node.items():
-            yield from _inputs(value, folder, name)
+            if key != "frequency" or name != "source":  # of a sound, which is no file
+                yield from _inputs(value, folder, name)
     elif isinstance(node, list):
         for value in node:
             yield from _inputs(value, folder, key if key == "files" else "")  # a track in a list is positions

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from drift.case import fields, sonar, units
 from drift.case.context import Run, build_each
 from drift.case.sensor import probability
-from drift.search import records
+from drift.search import records, sight
 from drift.search.records import Look, Sight
 from drift.sensors.records import Sensor, Sonar
 from geo.notation import NMI
@@ -174,6 +174,10 @@ class LookTable(FieldTable):
         array = isinstance(sensor.sees, Sonar) and len(sensor.sees.gain.bearing) > 1
         if array and sensor.place is None and self.heading is None:
             raise ValueError(f'sensor "{sensor.name}" has an array: give its heading at the time')
+        if sight.by_speed(sensor) and time == run.start:
+            raise ValueError(
+                f'sensor "{sensor.name}" has a source level by speed; at the start of the run there is no way yet: start earlier'
+            )
         heading = sensor.heading if sensor.place is not None else math.radians(self.heading or 0.0)
         return Look(
             name, time, None, self.sees == "something", false_alarms=self.false_alarms, sensor=sensor,

@@ -18,6 +18,7 @@ from drift.case.context import Run, build_each
 from drift.motion.scenario import Scenario
 from drift.sensors import unknown  # the others as they are wanted: they import SciPy and xarray
 from drift.sensors.records import Gain, Levels, Losses, Noise, PodGrid, Sensor, Sonar
+from geo import sphere
 from geo.errors import UserError
 
 SHOWN = 3  # scenarios that a message names
@@ -138,6 +139,16 @@ def _frequency(value: object) -> float:
 Frequency = Annotated[float, BeforeValidator(_frequency)]
 
 
+def _sound_speed(value: object) -> float:
+    number = units.quantity(value, "m/s", "speed of sound", "1500 m/s")
+    if not 1000 <= number <= 2000:
+        raise ValueError(f"sound_speed {value!r} must be 1000 to 2000 m/s")
+    return number
+
+
+SoundSpeed = Annotated[float, BeforeValidator(_sound_speed)]
+
+
 class LossTable(FileTable):
     """Transmission loss: of a file by bearing and range, at one place or several; or by a formula."""
 
@@ -196,7 +207,7 @@ class LineTable(fields.Table):
     """From one to the next."""
     frequency: Frequency
     """At which it listens."""
-    sound_speed: Annotated[fields.Speed, Field(gt=0)] = 1500.0
+    sound_speed: SoundSpeed = 1500.0
     """Of the water."""
     beams: fields.Count | None = None
     """How many beams, from dead ahead to dead astern; without it as many as cross at -3 dB."""
@@ -286,7 +297,7 @@ class SonarTable(fields.Table):
     fluctuation: Annotated[float, BeforeValidator(decibels("fluctuation", 0, 30, above=True))] = 6.0
     """Standard deviation of the signal excess."""
     jump_rate: Annotated[float, BeforeValidator(fields.rate)] = 1 / 3600
-    """How often it jumps to another value, a bare number per hour."""
+    """How often it jumps to another value, like `"2 /h"`; once an hour without it."""
     unknown: Annotated[float, BeforeValidator(decibels("unknown", 0, 45))] = 0.0
     """Standard deviation of what all looks and watches of its group have in common."""
 
@@ -411,7 +422,14 @@ class NamedSensorTable(fields.Table):
             sees = self.pod.grid(run.folder)
         if isinstance(sees, Sonar) and len(sees.gain.bearing) > 1 and self.at is not None and self.heading is None:
             raise ValueError("heading is missing: it stands and has an array, whose gains are relative to its heading")
-        return Sensor(name, sees, self.at, math.radians(self.heading or 0.0), self.group or name)
+        place = self.at
+        if place is None and isinstance(sees, PodGrid) and sees.lon is not None and sees.lat is not None:
+            # It sees where its table says, wherever it is: it is drawn in the middle.
+            place = (
+                float(sphere.wrap_degrees(np.degrees(0.5 * (sees.lon[0] + sees.lon[-1])))),
+                float(np.degrees(0.5 * (sees.lat[0] + sees.lat[-1]))),
+            )
+        return Sensor(name, sees, place, math.radians(self.heading or 0.0), self.group or name)
 
 
 def build(tables: Sequence[NamedSensorTable], run: Run) -> dict[str, Sensor]:

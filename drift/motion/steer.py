@@ -21,6 +21,7 @@ from kernels import advance as kernel
 from kernels import batch, felt, listen_targets, observe_targets, runtime, steer, sweep_targets
 from kernels.batch import Batch
 from kernels.coast import DeviceCoast
+from kernels.glimpse import Pods
 from kernels.listen import Stretch, Tables
 from kernels.observe import Shape, Window
 from kernels.pieces import Room
@@ -153,6 +154,16 @@ class Helm:
         e = self._ensemble
         listen_targets.steering(
             self._made(kept, step), self.batch, e.scenario, e.seed, step, stretch, tables, offsets, silent,
+            (e.status, e.status_since),
+        )  # fmt: skip
+
+    def glimpse(
+        self, kept: Mapping[str, Device], step: kernel.Step, stretch: Stretch, pods: Pods, shore: bool, missed: Device
+    ) -> None:
+        """Have a sensor with a table of POD look for targets on a stretch of the step just made: see kernels.listen_targets."""
+        e = self._ensemble
+        listen_targets.glimpsed(
+            self._made(kept, step), self.batch, e.scenario, e.seed, step, stretch, pods, shore, missed,
             (e.status, e.status_since),
         )  # fmt: skip
 

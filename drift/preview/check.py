@@ -13,7 +13,8 @@ from drift.forecast import likeliest
 from drift.job import in_turn
 from drift.motion.scenario import Scenario
 from drift.preview import outlook, voyage
-from drift.search.records import Barrier, Field, Line, Look, Presence, Sortie
+from drift.search import contacts
+from drift.search.records import Barrier, Contact, Field, Line, Look, Presence, Sortie
 from drift.spill import renewal
 from drift.spill.records import Spill
 from drift.suspend import alive
@@ -144,7 +145,7 @@ def _search(case: Case) -> dict[str, str]:
         doubt = f"belief {contact.belief:g}"
         if contact.false_density > 0:
             doubt = f"false {contact.false_density:.3g} per unit"
-        lines[f'contact "{contact.name}"'] = f"{contact.kind}, {notation.group(contact.time)}, {doubt}"
+        lines[f'contact "{contact.name}"'] = f"{contact.kind}, {notation.group(contact.time)}, {_heard(contact)}{doubt}"
     for what in (*case.sensors.telling, *case.sensors.lines):
         lines[f'{type(what).__name__.lower()} "{what.name}"'] = _sensor(what)
     for unit in case.units:
@@ -158,6 +159,22 @@ def _search(case: Case) -> dict[str, str]:
         span = f"{notation.group(spec.begin)} to {notation.group(spec.until)}"
         lines["plan"] = f"{span}, for {spec.objective}, {spec.rounds} round(s)"
     return lines
+
+
+def _heard(contact: Contact) -> str:
+    """Return what a sensor of the case told of a contact; "" where none did."""
+    own = contact.heard
+    if own is None:
+        return ""
+    words = [f'sensor "{own.sensor.name}"']
+    if own.mirrored:
+        image = math.degrees(contacts.image(contact.bearing, own.heading))
+        words.append(f"bearing {math.degrees(contact.bearing):.0f} or {image:.0f}")
+    if own.level is not None:
+        words.append(f"received level {own.level[0]:g} dB")
+    if own.tone is not None:
+        words.append(f"frequency {own.tone.value:g} Hz of {own.tone.source:g} Hz")
+    return "".join(f"{word}, " for word in words)
 
 
 def _sensor(what: Look | Presence | Barrier | Line) -> str:

@@ -11,7 +11,8 @@ import math
 import numpy as np
 
 from drift.search import patterns, sensor_path
-from drift.search.records import Contact
+from drift.search.records import Contact, Heard
+from drift.sensors.records import Sonar
 from geo import sphere
 from geo.array import Array
 from geo.polyline import Area
@@ -43,11 +44,28 @@ def log_unit(contact: Contact) -> float:
     elif contact.kind == "area":
         assert contact.area is not None
         unit = -math.log(patterns.square_metres(contact.area))
+    elif contact.wedge > 0:
+        unit = -math.log(contact.wedge)
     else:
-        unit = _highest(contact.bearing_std if contact.kind == "bearing" else contact.range_std)
-    for std in (contact.course_std, contact.speed_std):
+        unit = _highest(_least_std(contact) if contact.kind == "bearing" else contact.range_std)
+    for std in (contact.course_std, contact.speed_std, *_measured(contact.heard)):
         unit += _highest(std) if std > 0 else 0.0
     return max(unit, math.log(contact.false_density)) if contact.false_density > 0 else unit
+
+
+def _least_std(contact: Contact) -> float:
+    """Return the least error [rad] of a bearing, whatever the object's."""
+    return min((std for _, std in contact.bearing_stds), default=contact.bearing_std)
+
+
+def _measured(heard: Heard | None) -> list[float]:
+    """Return how far a received level and a frequency stray, about [dB, Hz]."""
+    if heard is None:
+        return []
+    stds = [math.hypot(heard.tone.std, heard.tone.source_std)] if heard.tone else []
+    if heard.level is not None and isinstance(heard.sensor.sees, Sonar):
+        stds.append(math.hypot(heard.level[1], heard.sensor.sees.fluctuation))
+    return stds
 
 
 def _highest(std: float) -> float:
@@ -63,10 +81,10 @@ def log_motion(contact: Contact, east: Array, north: Array) -> Array:
     speed = np.hypot(east, north)
     total = np.zeros(speed.shape)
     if contact.course_std > 0:
-        own = _normal(sphere.wrap(np.arctan2(east, north) - contact.course), contact.course_std)
+        own = normal(sphere.wrap(np.arctan2(east, north) - contact.course), contact.course_std)
         total = total + np.where(speed > 0, own, -LOG_TURN)
     if contact.speed_std > 0:
-        total = total + _normal(speed - contact.speed, contact.speed_std)
+        total = total + normal(speed - contact.speed, contact.speed_std)
     return np.asarray(total)
 
 
@@ -79,19 +97,42 @@ def _area(contact: Contact, lon: Array, lat: Array) -> Array:
 
 
 def _bearing(contact: Contact, lon: Array, lat: Array) -> Array:
-    """Return the log of a normal of the true bearing from the sensor, between the ranges."""
+    """Return the log density of the true bearing from the sensor, between the ranges; half of it may be its image's."""
     east, north = _from_sensor(contact, lon, lat)
-    far = np.hypot(east, north)
-    apart = sphere.wrap(np.arctan2(east, north) - contact.bearing)
-    log_density = _normal(apart, contact.bearing_std)
+    far, true = np.hypot(east, north), np.arctan2(east, north)
+    log_density = _off_bearing(contact, true, contact.bearing)
+    if contact.heard is not None and contact.heard.mirrored:
+        other = _off_bearing(contact, true, image(contact.bearing, contact.heard.heading))
+        log_density = np.logaddexp(log_density, other) - math.log(2)
     log_density = np.where((far >= contact.near) & (far <= contact.far), log_density, -np.inf)
     return np.asarray(log_density + np.log(_detection(contact, far)))
+
+
+def image(bearing: float, heading: float) -> float:
+    """Return a bearing [rad] as an array on a heading takes it for that cannot tell port from starboard."""
+    return (2 * heading - bearing) % (2 * math.pi)
+
+
+def _off_bearing(contact: Contact, true: Array, told: float) -> Array:
+    """Return the log density of a bearing that was told [rad] where the true ones are `true` (n,)."""
+    apart = sphere.wrap(true - told)
+    if contact.wedge > 0:
+        return np.where(np.abs(apart) <= contact.wedge / 2, -math.log(contact.wedge), -np.inf)
+    return normal(apart, bearing_std(contact, true))
+
+
+def bearing_std(contact: Contact, true: Array | float) -> Array | float:
+    """Return the error [rad] of a bearing of what lies at true bearings [rad], any shape."""
+    if not contact.bearing_stds or contact.heard is None:
+        return contact.bearing_std
+    angle, std = zip(*contact.bearing_stds, strict=True)
+    return np.asarray(np.interp(np.abs(sphere.wrap(true - contact.heard.heading)), angle, std))
 
 
 def _range(contact: Contact, lon: Array, lat: Array) -> Array:
     """Return the log of a normal of the distance from the sensor."""
     far = np.hypot(*_from_sensor(contact, lon, lat))
-    return np.asarray(_normal(far - contact.range, contact.range_std) + np.log(_detection(contact, far)))
+    return np.asarray(normal(far - contact.range, contact.range_std) + np.log(_detection(contact, far)))
 
 
 def _from_sensor(contact: Contact, lon: Array, lat: Array) -> tuple[Array, Array]:
@@ -109,7 +150,7 @@ def _fixes(contact: Contact, lon: Array, lat: Array) -> Array:
     for fix in contact.fixes:
         east, north = sphere.offset(math.radians(fix.lon), math.radians(fix.lat), x, y)
         along, across = north * c + east * s, east * c - north * s
-        log_density = _normal(along, contact.major) + _normal(across, contact.minor) + math.log(fix.share)
+        log_density = normal(along, contact.major) + normal(across, contact.minor) + math.log(fix.share)
         total = np.logaddexp(total, log_density)
     if contact.zones is not None and contact.sensor is not None:
         at = math.radians(contact.sensor[0]), math.radians(contact.sensor[1])
@@ -117,8 +158,9 @@ def _fixes(contact: Contact, lon: Array, lat: Array) -> Array:
     return total
 
 
-def _normal(x: Array, std: float) -> Array:
-    return np.where(np.abs(x) > BEYOND * std, -np.inf, -0.5 * (x / std) ** 2 - math.log(std) - 0.5 * LOG_TURN)
+def normal(x: Array, std: Array | float) -> Array:
+    """Return the log of a normal density, -inf beyond 6 standard deviations."""
+    return np.where(np.abs(x) > BEYOND * std, -np.inf, -0.5 * (x / std) ** 2 - np.log(std) - 0.5 * LOG_TURN)
 
 
 def _detection(contact: Contact, far: Array) -> Array:

@@ -25,16 +25,19 @@ from drift.particles.columns import Columns
 from drift.particles.ensemble import Ensemble
 from drift.particles.status import STRANDED, Status, on_map
 from drift.search import contacts as contact_laws
-from drift.search import crossings, debris, looks, overdue, sight
+from drift.search import crossings, debris, heard, looks, overdue, sight
 from drift.search.account import Account, Event, Noted
 from drift.search.crossings import Watched
 from drift.search.exposure import SortieExposure
+from drift.search.heard import Sent
 from drift.search.listening import Listening
 from drift.search.markers import Marker
 from drift.search.meeting import Alone, Drawn, Meeting, Redrawing
 from drift.search.observers import Observers
-from drift.search.records import NO_SENSORS, Contact, Kind, Look, Resampling, Sensors, Sortie
+from drift.search.records import NO_SENSORS, Contact, Heard, Kind, Look, Resampling, Sensors, Sortie, Tone
+from drift.search.sight import Targets
 from drift.search.updates import Updates
+from drift.sensors import unknown
 from geo.array import Array
 from kernels import runtime
 from kernels.advance import Step
@@ -95,9 +98,7 @@ class Search:
         self._step: Step | None = None
         self._begin: Begin | None = None  # where the particles began the present step
         self._looks = [(spec.period.elapsed(look.time), look) for look in sensors.looks]
-        self._factors |= {
-            sight.key(look.sensor): len(sight.chances(look.sensor)) for look in sensors.looks if look.sensor
-        }
+        self._factors |= self._by_sensors()
         self._observers = Observers(spec, sensors, ensemble, scene)
         heard = [*known, *sensors.times, *(contact.time for contact in contacts)]
         heard += [time for sortie in sorties for time in (sortie.start, sortie.end)]
@@ -198,7 +199,7 @@ class Search:
             flown.drift(self._scene.forcing, elapsed, duration)
         end = elapsed + duration
         debris = any(beside.last > elapsed for beside in self._debris.values())
-        moving = any(elapsed < when <= end and contact.moves for when, _, contact in self._contacts)
+        moving = any(elapsed < when <= end and heard.asks_velocity(contact) for when, _, contact in self._contacts)
         moving |= any(elapsed < when <= end and sight.by_speed(look.sensor) for when, look in self._looks)
         return bool(under_way) or debris or moving or self._observers.looking(elapsed + duration)
 
@@ -262,9 +263,13 @@ class Search:
     def _keys(self) -> dict[tuple[str, float], int]:
         """How many values stand for the unknown of each group of which something is to come."""
         keys = {flown.key: len(flown.factors) for flown in self._waiting}
-        return keys | {
-            sight.key(look.sensor): len(sight.chances(look.sensor)) for _, look in self._looks if look.sensor
-        }
+        return keys | self._by_sensors()
+
+    def _by_sensors(self) -> dict[tuple[str, float], int]:
+        """How many values stand for the unknown of each group of sensors whose looks or contacts are to come."""
+        sensors = [look.sensor for _, look in self._looks if look.sensor]
+        sensors += [contact.heard.sensor for _, _, contact in self._contacts if contact.heard]
+        return {unknown.key(sensor): len(unknown.values(sensor)[1]) for sensor in sensors}
 
     def _fail(self, flown: Flown) -> None:
         """Change weights because a sortie found nothing."""
@@ -287,27 +292,83 @@ class Search:
             seen = self._debris[contact.drifter]
             who, its, begin = seen.ensemble, seen.scene, seen.begin
         lon, lat = place(who, its, begin, time)
+        status, unit = life.read(who).at(time), contact_laws.log_unit(contact)
+        if contact.heard is not None:
+            self._hear(contact, contact.heard, number, time, self._targets(lon, lat, status, contact, time), unit)
+            return
         likelihood = contact_laws.log_likelihood(contact, lon, lat)
         if contact.moves:
-            assert self._begin is not None
-            assert self._step is not None
-            velocity = self._scene.velocity(self.ensemble, self._begin, self._step, time)
-            likelihood = likelihood + contact_laws.log_motion(contact, *velocity)
-        there, unit = on_map(life.read(who).at(time)), contact_laws.log_unit(contact)
-        likelihood = np.where(there, likelihood, -np.inf)
+            likelihood = likelihood + contact_laws.log_motion(contact, *self._velocity(time))
+        likelihood = np.where(on_map(status), likelihood, -np.inf)
+        doubted, unit = self._doubted(contact, number, time, likelihood, likelihood, unit)
+        self._tell(contact.name, "contact", time, doubted - unit, positive=True, unit=unit)
+
+    def _hear(self, contact: Contact, own: Heard, number: int, time: int, targets: Targets, unit: float) -> None:
+        """Change weights by a contact of a sensor of the case; unit: log of what its likelihood is about."""
+        sent = self._sent(own.tone) if own.tone and own.tone.group else None
+        said = heard.log_likelihood(contact, targets, sent)
+        if contact.moves:
+            said = said + contact_laws.log_motion(contact, targets.east, targets.north)
+        key, chances = unknown.key(own.sensor), unknown.values(own.sensor)[1]
+        many = len(chances)
+        if many > 1:
+            shared = self._shared.setdefault(key, runtime.empty(self.ensemble.n * many))
+            before = shared.to_numpy().reshape(said.shape).astype(np.float64)
+            likelihood = sight.averaged(said, before, chances)
+        else:
+            likelihood = said[0]
+        said, unit = self._doubted(contact, number, time, said, likelihood, unit)
+        if sent is not None and own.tone:
+            self._learn(own.tone, heard.learned(contact, targets, sent))
+        said = said - unit
+        told = sight.together(said, shared, chances) if many > 1 else said[0]
+        self._tell(contact.name, "contact", time, told, positive=True, unit=unit)
+        self._forget(key)
+
+    def _doubted(
+        self, contact: Contact, number: int, time: int, said: Array, likelihood: Array, unit: float
+    ) -> tuple[Array, float]:
+        """Return the log likelihoods `said` of a contact that may be false, and the log of their unit.
+
+        likelihood: the same if it is of the object, whatever the unknown, (n,).
+        """
         if contact.false_density > 0:
-            likelihood = np.logaddexp(likelihood, np.log(contact.false_density))
-        elif contact.belief < 1:  # doubt is in units of the mean under all that is known then, sorties under way too
-            current, blocks = self.log_weight(time), self.ensemble.blocks
-            both = weights.weighed(current, blocks), weights.weighed(current + likelihood, blocks)
-            unit = self._meeting.mean(number, *both)
-            if unit == -np.inf:
-                unit, likelihood = 0.0, np.zeros_like(likelihood)
-            else:
-                with np.errstate(divide="ignore"):
-                    doubt = np.log1p(-contact.belief) + unit
-                    likelihood = np.logaddexp(np.log(contact.belief) + likelihood, doubt)
-        self._tell(contact.name, "contact", time, likelihood - unit, positive=True, unit=unit)
+            return np.logaddexp(said, np.log(contact.false_density)), unit
+        if contact.belief == 1:
+            return said, unit
+        # Doubt is in units of the mean under all that is known then, sorties under way too.
+        current, blocks = self.log_weight(time), self.ensemble.blocks
+        both = weights.weighed(current, blocks), weights.weighed(current + likelihood, blocks)
+        unit = self._meeting.mean(number, *both)
+        if unit == -np.inf:
+            return np.zeros_like(said), 0.0
+        with np.errstate(divide="ignore"):
+            return np.logaddexp(np.log(contact.belief) + said, np.log1p(-contact.belief) + unit), unit
+
+    def _targets(self, lon: Array, lat: Array, status: Array, contact: Contact, time: int) -> Targets:
+        """Return the particles as a sensor of the case asks for them."""
+        still = np.zeros(lon.shape)
+        east, north = self._velocity(time) if heard.asks_velocity(contact) else (still, still)
+        return Targets(lon, lat, self.ensemble.scenario.to_numpy(), east, north, status)
+
+    def _velocity(self, time: int) -> tuple[Array, Array]:
+        """Return (east, north) [m/s] of the particles at a time inside the step just made."""
+        assert self._begin is not None
+        assert self._step is not None
+        return self._scene.velocity(self.ensemble, self._begin, self._step, time)
+
+    def _sent(self, tone: Tone) -> Sent:
+        """Return what is known of the frequency that each particle sends, by all contacts of a group so far."""
+        first = heard.at_first(tone, self.ensemble.n)
+        held = (
+            self._held.setdefault(name, OnHost(values)) for name, values in zip(_tone_names(tone), first, strict=True)
+        )
+        return Sent(*(column.values for column in held))
+
+    def _learn(self, tone: Tone, sent: Sent) -> None:
+        """Take down what is known of it after a contact."""
+        for name, values in zip(_tone_names(tone), sent, strict=True):
+            self._held[name].values = values
 
     def _look(self, look: Look, time: int, place: PositionsAt) -> None:
         """Change weights by what a look saw or did not see."""
@@ -316,18 +377,15 @@ class Search:
         if look.sensor is None:
             self._tell(look.name, "look", time, looks.log_likelihood(look, lon, lat, on_map(status)), look.positive)
             return
-        speed = np.zeros(lon.shape)
-        if sight.by_speed(look.sensor):
-            assert self._begin is not None
-            assert self._step is not None
-            speed = np.hypot(*self._scene.velocity(self.ensemble, self._begin, self._step, time))
-        source = sight.Targets(lon, lat, self.ensemble.scenario.to_numpy(), speed, status)
+        still = np.zeros(lon.shape)
+        east, north = self._velocity(time) if sight.by_speed(look.sensor) else (still, still)
+        source = Targets(lon, lat, self.ensemble.scenario.to_numpy(), east, north, status)
         said = sight.log_likelihood(look, source)
-        chances = sight.chances(look.sensor)
+        chances = unknown.values(look.sensor)[1]
         if len(chances) == 1:
             self._tell(look.name, "look", time, said[0], look.positive)
             return
-        key = sight.key(look.sensor)
+        key = unknown.key(look.sensor)
         shared = self._shared.setdefault(key, runtime.empty(self.ensemble.n * len(chances)))
         self._tell(look.name, "look", time, sight.together(said, shared, chances), look.positive)
         self._forget(key)
@@ -448,6 +506,12 @@ class Search:
         if key not in columns:
             columns[key] = runtime.empty(self.ensemble.n * len(flown.factors))
         return columns[key]
+
+
+def _tone_names(tone: Tone) -> tuple[str, str]:
+    """Return the names of the columns of what is known of a frequency; a name of a column has no blanks."""
+    group = tone.group.replace(" ", "_")
+    return f"precision:{group}", f"turned:{group}"
 
 
 def exposures(spec: EnsembleSpec, sorties: Sequence[Sortie], scene: Scene) -> list[Flown]:

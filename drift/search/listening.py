@@ -1,6 +1,6 @@
-"""A passive sonar that listens for a time and hears nothing: what that makes of the weights.
+"""A sensor of the case that watches for a time and tells of nothing: what that makes of the weights.
 
-It has the manners of drift.search.exposure, whose place it takes for sorties with such a sensor.
+It is a passive sonar, or a table of POD. It has the manners of drift.search.exposure, whose place it takes for sorties with such a sensor.
 """
 
 import math
@@ -17,12 +17,12 @@ from drift.particles.ensemble import Ensemble
 from drift.search import sensor_path
 from drift.search.markers import Marker
 from drift.search.records import Sortie
-from drift.sensors import unknown
+from drift.sensors import grid_pod, unknown
 from drift.sensors.hearing import Ear
-from drift.sensors.records import Sonar
+from drift.sensors.records import PodGrid, Sonar
 from geo import notation, sphere
 from geo.array import Array
-from kernels import listen, runtime, sweep
+from kernels import glimpse, listen, runtime, sweep
 from kernels.advance import Step
 from kernels.listen import Stretch
 
@@ -35,33 +35,33 @@ HEARD = 0.01  # chance of having been heard from which on a particle counts as o
 
 @dataclass(frozen=True)
 class Silent:
-    """What a sonar keeps of each particle, on the device: see kernels.listen."""
+    """What a sensor keeps of each particle, on the device: see kernels.listen; of a table of POD only the misses."""
 
     log_missed: Device  # (factors * n,)
-    edges: Device  # (STAIRS * factors * n,)
-    held: Device
+    edges: Device | None = None  # (STAIRS * factors * n,)
+    held: Device | None = None
 
     @property
     def columns(self) -> dict[str, Device]:
         """Its columns by name."""
-        return dict(vars(self))
+        return {name: column for name, column in vars(self).items() if column is not None}
 
     def copy(self) -> "Silent":
         """Return a copy."""
-        return Silent(*(runtime.copy(column) for column in vars(self).values()))
+        return Silent(**{name: runtime.copy(column) for name, column in self.columns.items()})
 
 
 class Listening:
-    """One watch of a sonar in one run; times are seconds after the run's start."""
+    """One watch of a sensor in one run; times are seconds after the run's start."""
 
     def __init__(self, sortie: Sortie, start: int) -> None:
         """Make ready; start: of the run [s since 1970]."""
         assert sortie.sensor is not None
-        assert isinstance(sortie.sensor.sees, Sonar)
         assert sortie.legs is not None
         self.sortie, self._start = sortie, start
         self.begin, self.end = notation.epoch(sortie.start) - start, notation.epoch(sortie.end) - start
-        self._ear = Ear(sortie.sensor.sees, sortie.beams)
+        sees = sortie.sensor.sees
+        self._sees = Ear(sees, sortie.beams) if isinstance(sees, Sonar) else sees
         self.factors, self.chances = unknown.values(sortie.sensor)
         self._path = sensor_path.of_legs(sortie.legs, start)
         self._seen = self.begin  # the time [s] up to which its columns count
@@ -89,6 +89,8 @@ class Listening:
         """Return what it has done to particles, nothing as yet."""
         if self.exposed is None:
             columns = listen.columns(ensemble.n, len(self.factors))
+            if isinstance(self._sees, PodGrid):
+                columns = {"log_missed": columns["log_missed"]}
             self.exposed = Silent(**{name: runtime.upload(column) for name, column in columns.items()})
         return self.exposed
 
@@ -112,23 +114,30 @@ class Listening:
             return exposed
         scenarios, kept = tuple(range(len(ensemble.scenarios))), tuple(exposed.columns.values())
         steered = helm.some(scenarios) if helm and begin.helm else None
+        before, own = (begin.lon, begin.lat), ensemble.batch(scenarios)
         for k, seeks in enumerate(track.searching):
             whole = Stretch(*track.time[k : k + 2].tolist(), *_places(track.place, k))
-            for stretch, middle in self._parts(whole, step.elapsed):
-                tables = self._tables(stretch, step.elapsed, track.course[4 * k : 4 * k + 4], middle)
+            if isinstance(self._sees, PodGrid):
+                if seeks:
+                    middle = self._middle(whole, step.elapsed)
+                    pods, shore = grid_pod.tables(self._sees, middle, self._lasting), self.sortie.ashore
+                    if steered and begin.helm:
+                        steered.glimpse(begin.helm, step, whole, pods, shore, kept[0])
+                    glimpse.drifting(ensemble, own, before, step.elapsed, step.duration, whole, pods, shore, kept[0])
+                continue
+            for stretch, share in self._parts(self._sees, whole, step.elapsed):
+                tables = self._tables(self._sees, stretch, step.elapsed, track.course[4 * k : 4 * k + 4], share)
                 if not seeks:
                     tables = tables._replace(gains=np.full(1, -math.inf, np.float32))
                 if steered and begin.helm:
                     steered.listen(begin.helm, step, stretch, tables, self.factors, kept)
-                before = begin.lon, begin.lat
-                own = ensemble.batch(scenarios)
                 listen.drifting(ensemble, own, before, step.elapsed, step.duration, stretch, tables, self.factors, kept)
         return exposed
 
-    def _parts(self, whole: Stretch, elapsed: int) -> Iterator[tuple[Stretch, float]]:
+    def _parts(self, own: Ear, whole: Stretch, elapsed: int) -> Iterator[tuple[Stretch, float]]:
         """Give a stretch in parts in which the noise hardly changes, each with the share of the whole at its middle."""
         times = [np.datetime64(self._start + elapsed + round(t), "s") for t in (whole.begin, whole.end)]
-        many = min(max(math.ceil(self._ear.change(times[0], times[1]) / HARDLY), 1), MOST_PARTS)
+        many = min(max(math.ceil(own.change(times[0], times[1]) / HARDLY), 1), MOST_PARTS)
         nodes = np.arange(many + 1) / many
         at, way = np.array(whole.place), np.array(whole.to, np.int64) - whole.place
         way[0] = (way[0] + 2**31) % 2**32 - 2**31
@@ -139,8 +148,17 @@ class Listening:
             (x, y), (to_x, to_y) = places[k : k + 2].tolist()
             yield Stretch(seconds[k], seconds[k + 1], (x, y), (to_x, to_y)), (k + 0.5) / many
 
-    def _tables(self, stretch: Stretch, elapsed: int, course: Array, share: float) -> listen.Tables:
-        """Return the tables of its sonar in the middle of a stretch of its way; share: of what it has the course of."""
+    @property
+    def _lasting(self) -> float:
+        """How long it watches [s]."""
+        return float(self.end - self.begin)
+
+    def _middle(self, stretch: Stretch, elapsed: int) -> np.datetime64:
+        """Return when it is in the middle of a stretch of its way, in a step that begins at `elapsed` [s]."""
+        return np.datetime64(self._start + elapsed + round(0.5 * (stretch.begin + stretch.end)), "s")
+
+    def _tables(self, own: Ear, stretch: Stretch, elapsed: int, course: Array, share: float) -> listen.Tables:
+        """Return the tables of a sonar in the middle of a stretch of its way; share: of what it has the course of."""
         sensor = self.sortie.sensor
         assert sensor is not None
         lon, lat = (a + 0.5 * sphere.wrap(b - a) for a, b in zip(*_radians(stretch), strict=True))
@@ -148,8 +166,7 @@ class Listening:
         if sensor.place is None:
             east, north = course[:2] + share * (course[2:] - course[:2])
             heading = math.atan2(east, north)
-        middle = self._start + elapsed + round(0.5 * (stretch.begin + stretch.end))
-        return self._ear.tables(float(lon), float(lat), heading, np.datetime64(middle, "s"))
+        return own.tables(float(lon), float(lat), heading, self._middle(stretch, elapsed))
 
     def fail(self, ensemble: Ensemble, exposed: Silent, shared: Device, log_weight: Device) -> None:
         """Multiply weights by the chance that it has heard nothing of each particle, in place.

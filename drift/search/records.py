@@ -97,6 +97,31 @@ class Fix:
 
 
 @dataclass(frozen=True)
+class Tone:
+    """A frequency that a sensor received, shifted by the motion of source and sensor (Doppler)."""
+
+    value: float  # [Hz] as it was received
+    std: float  # [Hz] of its error
+    source: float  # [Hz] as it was sent
+    source_std: float = 0.0  # [Hz] of what is not known of that
+    sound_speed: float = 1500.0  # [m/s]
+    group: str = ""  # contacts of one group heard the same source; "": none other did
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What a sensor of the case told of a contact besides its bearing or range; its chance of detection is the sensor's."""
+
+    sensor: Sensor
+    beams: tuple[int, ...] = ()  # of its array that were processed, from 0; (): all
+    heading: float = 0.0  # [rad] true, of its array
+    mirrored: bool = False  # whether the bearing may as well be its image on the other side of the array
+    level: tuple[float, float] | None = None  # received level, and the standard deviation of its error [dB]
+    tone: Tone | None = None
+    velocity: tuple[float, float] = (0.0, 0.0)  # (east, north) [m/s] of the sensor
+
+
+@dataclass(frozen=True)
 class Contact:
     """Something seen, which gives a likelihood of where the object was.
 
@@ -115,12 +140,17 @@ class Contact:
     orientation: float = 0.0  # [rad] of the major axis, clockwise from north
     sensor: tuple[float, float] | None = None  # (lon, lat) [deg] from which bearing and range were taken
     bearing: float = 0.0  # [rad] true
-    bearing_std: float = 0.0
+    bearing_std: float = 0.0  # of a wedge 0
+    bearing_stds: tuple[
+        tuple[float, float], ...
+    ] = ()  # relative bearing of the object, 0 to pi, and the error there [rad]; (): the same
+    wedge: float = 0.0  # [rad] width within which all errors are as likely; 0: they are normal
     range: float = 0.0  # [m]
     range_std: float = 0.0
     near: float = 0.0  # [m]; the object of a bearing is between near and far
     far: float = math.inf
     zones: Watch | None = None  # chance of detection by range; None: the same at all ranges
+    heard: Heard | None = None  # by which sensor of the case, whose chance of detection counts in place of zones
     area: Area | None = None
     drifter: Drifter | None = None  # how it drifts, if it is debris; None: it is the object itself
     course: float = 0.0  # [rad] over ground, clockwise from north, with which it was seen to move

@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 
 from drift.output import geojson
+from drift.search import contacts
 from drift.search.records import Barrier, Contact, Line, Look, Presence, Sortie
 from geo import polyline, sphere
 from geo.array import Array
@@ -137,17 +138,27 @@ def _area(contact: Contact) -> list[Shape]:
 
 
 def _bearing(contact: Contact) -> list[Shape]:
+    """Return a bearing's wedge and line, and those of its image where it may be that."""
+    assert contact.sensor is not None
+    bearings = [contact.bearing]
+    if contact.heard is not None and contact.heard.mirrored:
+        bearings.append(contacts.image(contact.bearing, contact.heard.heading))
+    shapes: list[Shape] = [("point", np.array([contact.sensor]))]
+    for bearing in bearings:
+        shapes += _toward(contact, bearing)
+    return shapes
+
+
+def _toward(contact: Contact, bearing: float) -> list[Shape]:
+    """Return the region that holds NEAR_ALL of the error of one bearing, and its line."""
     assert contact.sensor is not None
     lon, lat = contact.sensor
     far = contact.far if math.isfinite(contact.far) else max(FARTHEST, 2 * contact.near)
-    low, high = contact.bearing - ON_LINE * contact.bearing_std, contact.bearing + ON_LINE * contact.bearing_std
+    off = NEAR_ALL * contact.wedge / 2 or ON_LINE * float(contacts.bearing_std(contact, bearing))
+    low, high = bearing - off, bearing + off
     outer, inner = circle(lon, lat, far, low, high), circle(lon, lat, max(contact.near, 1.0), high, low)
-    ends = _about(lon, lat, *(np.array([contact.near, far]) * f(contact.bearing) for f in (math.sin, math.cos)))
-    return [
-        ("point", np.array([[lon, lat]])),
-        ("region", np.concatenate([outer, inner, outer[:1]])),
-        ("line", curve(ends[:, 0], ends[:, 1])),
-    ]
+    ends = _about(lon, lat, *(np.array([contact.near, far]) * f(bearing) for f in (math.sin, math.cos)))
+    return [("region", np.concatenate([outer, inner, outer[:1]])), ("line", curve(ends[:, 0], ends[:, 1]))]
 
 
 def _range(contact: Contact) -> list[Shape]:

@@ -23,18 +23,14 @@ class Targets(NamedTuple):
     lon: Array  # binary angle
     lat: Array
     scenario: Array
-    speed: Array  # over ground [m/s]
+    east: Array  # velocity over ground [m/s], where it is asked for
+    north: Array
     status: Array
 
-
-def key(sensor: Sensor) -> tuple[str, float]:
-    """Return what looks and watches have in common that share an unknown."""
-    return unknown.key(sensor)
-
-
-def chances(sensor: Sensor) -> Array:
-    """Return the probabilities of the values that stand for its unknown."""
-    return unknown.values(sensor)[1]
+    @property
+    def speed(self) -> Array:
+        """Its speed over ground [m/s]."""
+        return np.hypot(self.east, self.north)
 
 
 def by_speed(sensor: Sensor | None) -> bool:
@@ -67,8 +63,13 @@ def together(said: Array, shared: Device, weights: Array) -> Array:
     weights: of the values. It is the ratio of two means over the unknown, of the product of all after and before.
     """
     before = shared.to_numpy().reshape(said.shape).astype(np.float64)
+    shared.from_numpy((before + said).astype(np.float32).reshape(-1))
+    return averaged(said, before, weights)
+
+
+def averaged(said: Array, before: Array, weights: Array) -> Array:
+    """Return the log likelihood (n,) of what was said, given all that was said before; both (factors, n)."""
     after = before + said
-    shared.from_numpy(after.astype(np.float32).reshape(-1))
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(weights)[:, None]
         ratio = np.logaddexp.reduce(after + logs, axis=0) - np.logaddexp.reduce(before + logs, axis=0)

@@ -1,13 +1,19 @@
-"""Probability of detection by place, looked up where particles are."""
+"""Probability of detection by place, looked up where particles are, and laid out for what moves past (kernels.glimpse)."""
 
 import math
 
 import numpy as np
 
+from drift.sensors import hearing
 from drift.sensors.hearing import TURN
 from drift.sensors.records import PodGrid
 from geo import notation, sphere
 from geo.array import Array
+from kernels import glimpse
+from kernels.glimpse import Pods
+
+MOST_RINGS = 4000  # ranges to which a table is laid out
+LEAST_RINGS, LEAST_RAYS = 200, 720  # of a table with uneven ranges, or bearings: its corners lie anywhere
 
 
 def at(grid: PodGrid, time: np.datetime64) -> Array:
@@ -42,6 +48,39 @@ def chance(grid: PodGrid, place: tuple[float, float], time: np.datetime64, lon: 
         (1 - u) * table[j + 1, i] + u * table[j + 1, i + 1]
     )
     return np.where(inside, found, 0.0)
+
+
+def tables(grid: PodGrid, time: np.datetime64, lasting: float) -> Pods:
+    """Return what a kernel takes of it at a time; lasting [s]: of the watch, for which POD without a time of its own is there."""
+    table, rate = at(grid, time), 1 / (lasting if math.isnan(grid.per) else grid.per)
+    if grid.range is not None:
+        assert grid.bearing is not None
+        rings, rays = _even(grid.range), hearing.even(grid.bearing, hearing.MOST_RAYS)
+        if rays > 1 and not np.allclose(np.mod(grid.bearing * rays / TURN + 0.5, 1.0), 0.5, atol=1e-3):
+            rays = max(rays, LEAST_RAYS)
+        by_range = np.stack([np.interp(rings, grid.range, row) for row in table])
+        found = hearing.round_circle(np.arange(rays) * TURN / rays, grid.bearing, by_range)
+        return Pods(glimpse.ROUND, found.astype(np.float32), float(rings[1] - rings[0]), rate, float(rings[0]))
+    assert grid.lon is not None
+    assert grid.lat is not None
+    d_lon, d_lat = float(grid.lon[1] - grid.lon[0]), float(grid.lat[1] - grid.lat[0])
+    middle = [int(sphere.to_binary(math.degrees(0.5 * (axis[0] + axis[-1])))) for axis in (grid.lon, grid.lat)]
+    narrow = d_lon * max(math.cos(float(np.abs(grid.lat).max())), 0.01)
+    return Pods(
+        glimpse.PLACES, table.astype(np.float32), sphere.RADIUS * min(d_lat, narrow), rate,
+        middle=(middle[0], middle[1]), cell=(d_lon / sphere.UNIT, d_lat / sphere.UNIT),
+    )  # fmt: skip
+
+
+def _even(ranges: Array) -> Array:
+    """Return ranges [m] evenly spaced, as fine as those of a table; at most MOST_RINGS."""
+    if len(ranges) == 1:
+        return np.array([ranges[0], ranges[0] + 1.0])
+    gaps = np.diff(ranges)
+    many = math.ceil((ranges[-1] - ranges[0]) / float(gaps.min()) - 1e-6) + 1
+    if not np.allclose(gaps, gaps[0], rtol=1e-3):
+        many = max(many, LEAST_RINGS)
+    return np.linspace(ranges[0], ranges[-1], min(max(many, 2), MOST_RINGS))
 
 
 def _polar(table: Array, bearing: Array, ranges: Array, east: Array, north: Array) -> Array:

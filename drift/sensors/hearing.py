@@ -142,6 +142,15 @@ def _along(ranges: Array, known: Array, loss: Array) -> Array:
 
 def excess(tables: Tables, east: Array, north: Array) -> Array:
     """Return the signal excess [dB] of a source of 0 dB at (east, north) [m] from the sonar, any shape; -inf: too far."""
+    arrives, gain = terms(tables, east, north)
+    return np.asarray(arrives + gain)
+
+
+def terms(tables: Tables, east: Array, north: Array) -> tuple[Array, Array]:
+    """Return the level [dB] at which a source of 0 dB at (east, north) [m] arrives, -inf: too far, and gain - noise - threshold.
+
+    Together they are its signal excess.
+    """
     far, bearing = np.hypot(east, north), np.arctan2(east, north)
     rings = tables.losses.shape[1]
     ring = np.maximum((far - tables.nearest) / tables.between, 0.0)
@@ -149,7 +158,7 @@ def excess(tables: Tables, east: Array, north: Array) -> Array:
     share = ring - k
     low = (1 - share) * _round(tables.losses, bearing, k) + share * _round(tables.losses, bearing, k + 1)
     gain = _round(tables.gains[:, None], bearing, np.zeros_like(k))
-    return np.asarray(np.where(ring <= rings - 1, gain - low, -np.inf))
+    return np.where(ring <= rings - 1, -low, -np.inf), gain
 
 
 def _round(table: Array, bearing: Array, column: Array) -> Array:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import drift
 from drift.case import file as case_file
@@ -67,3 +68,29 @@ def test_pos_afloat_and_ashore(tmp_path: Path, moves: str, ashore: str, pos: flo
         assert update[figure]["all"] == pytest.approx(
             expected, abs=error if ashore == "false" or figure != "pos" else 1e-4
         )
+
+
+@pytest.mark.parametrize("moves", MOVES)
+@pytest.mark.parametrize("ashore", ["true", "false"])
+def test_a_table_of_pod_afloat_and_ashore(tmp_path: Path, moves: str, ashore: str) -> None:
+    """A hazard of -log(0.6) an hour: of what lands at u of the hour and is not seen there 1 - 0.6^u, u uniform, 1 + 0.4 / log(0.6) on average."""
+    table = xr.DataArray(np.full((3, 3), 0.4), {"lat": [-1.0, 0.0, 1.0], "lon": [0.0, 1.0, 2.0]}, ("lat", "lon"))
+    table.assign_attrs(units="1").to_dataset(name="pod").to_netcdf(tmp_path / "pod.nc")
+    head, _, _ = CASE.partition("[[sortie]]")
+    watch = """[[sensor]]
+name = "radar"
+pod = {{ file = "pod.nc" }}
+[[sortie]]
+name = "all of it"
+start = "+10 h"
+end = "+11 h"
+ashore = {ashore}
+watch.sensor = "radar"
+"""
+    (tmp_path / "land.geojson").write_text(json.dumps(LAND), encoding="utf-8")
+    (tmp_path / "case.toml").write_text((head + watch).format(n=N, moves=MOVES[moves], ashore=ashore, step=2700))
+    (update,) = drift.run(case_file.load(tmp_path / "case.toml")).summary["search"]["updates"]
+    landing = 1 + 0.4 / np.log(0.6)
+    pos = 0.4 if ashore == "true" else (0.4 * 9 + landing) / 20
+    error = 1e-4 if ashore == "true" else 0.4 * 3 * np.sqrt(0.25 / N)
+    assert update["pos"]["all"] == pytest.approx(pos, abs=error)

@@ -148,6 +148,47 @@ points = [[-179.9, 43.9], [-179.8, 43.1]]
 """
 
 
+# Contacts of a sonar whose unknown they share with a look of it and a watch, of one source, and doubtful ones at once with others.
+HEARD = """
+[[sensor]]
+name = "array"
+at = [179.7, 43.2]
+heading = 20
+[sensor.sonar]
+source_level = [["5 kn", "133 dB"], ["11 kn", "141 dB"]]
+noise = "71 dB"
+gain = { line = { elements = 16, spacing = "15 m", frequency = "50 Hz" } }
+fluctuation = "5 dB"
+unknown = "3 dB"
+[[contact]]
+name = "first"
+time = "+6.4 h"
+bearing = { sensor = "array", bearing = 60, wedge = "80 deg" }
+received_level = { value = "60 dB", std = "4 dB" }
+frequency = { value = "50.1 Hz", std = "0.1 Hz", source = "50 Hz", source_std = "0.1 Hz", source_group = "shaft" }
+[[contact]]
+name = "heard, in doubt"
+time = "+8 h"
+belief = 0.7
+bearing = { sensor = "array", bearing = 70, std = [[0, "30 deg"], [90, "12 deg"]] }
+[[contact]]
+name = "last"
+time = "+9.1 h"
+range = { sensor = "array", range = "20 nmi", std = "10 nmi" }
+frequency = { value = "49.95 Hz", std = "0.1 Hz", source = "50 Hz", source_std = "0.1 Hz", source_group = "shaft" }
+[[look]]
+name = "listened"
+time = "+7 h"
+sensor = "array"
+sees = "nothing"
+[[sortie]]
+name = "listens"
+start = "+6 h"
+end = "+6.5 h"
+watch = { sensor = "array", beams = [1, 2, 3] }
+"""
+
+
 def load(folder: Path, text: str) -> drift.Case:
     (folder / "land.geojson").write_text(runs.SHORE)
     (folder / "case.toml").write_text(text)
@@ -221,6 +262,16 @@ def test_what_steers_is_searched_as_in_one_piece(rule: str, tmp_path: Path) -> N
     told_by = [one.quantity.name for one in whole.posteriors.told].index("scenario")
     for update, stage in zip(whole.updates.all, whole.posteriors.stages[1:], strict=True):
         np.testing.assert_allclose(stage.marginals[told_by].table[-1], update.posterior, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_what_a_sonar_heard_is_as_in_one_piece(tmp_path: Path) -> None:
+    case = load(tmp_path, STEERED.replace("below = 0\n", "below = 0.6\n") + HEARD)
+    whole = drift.run(case)
+    assert whole.updates is not None
+    assert {"first", "heard, in doubt", "last", "listened"} <= {update.name for update in whole.updates.all}
+    assert sum(update.resampled for update in whole.updates.all) > 1
+    same(whole, drift.run(case, shards=3))
 
 
 def test_what_drifts_is_searched_as_in_one_piece(searched: tuple[drift.Case, drift.Result]) -> None:
