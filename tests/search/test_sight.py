@@ -83,8 +83,7 @@ def test_pod_by_place_and_time(tmp_path: Path, sees: str, west: float) -> None:
             "lon": ("lon", lon, {"units": "degrees_east"}),
         },
     )
-    look = case((west + 0.7, 36.0), 1.35, sees, "radar") + f"at = [{west}, 36.0]\n"
-    ran = run(tmp_path, look + table(tmp_path, data), particles=500)
+    ran = run(tmp_path, case((west + 0.7, 36.0), 1.35, sees, "radar") + table(tmp_path, data), particles=500)
     x, y, there = places(ran, 1.35)
     x = west + (x - west + 1) % 360 - 1
     at = np.datetime64("2026-06-01T01:21", "ns")
