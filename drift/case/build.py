@@ -1,7 +1,9 @@
 """The record of a case from its tables: each is in order by itself, and here all must fit together."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +27,7 @@ from drift.environment.forcing_spec import Forcing, ForcingSpec
 from drift.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
 from drift.motion.scenario import Scenario
 from drift.search.records import Contact, PlanSpec, Sensors, Sortie, Unit
+from drift.sensors.records import Sensor
 from drift.spill.records import Spill
 from geo import notation
 from geo.errors import UserError
@@ -44,6 +47,7 @@ class _Search(NamedTuple):
     sensors: Sensors = Sensors()
     units: tuple[Unit, ...] = ()
     plan: PlanSpec | None = None
+    named: Mapping[str, Sensor] = MappingProxyType({})  # sensors that these refer to by name
 
 
 def build(table: CaseTable, path: Path, text: str) -> Case:
@@ -92,6 +96,7 @@ def build(table: CaseTable, path: Path, text: str) -> Case:
         sorties=search.sorties,
         contacts=search.contacts,
         sensors=search.sensors,
+        named_sensors=search.named,
         units=search.units,
         plan=search.plan,
         resampling=table.resampling.resampling(),
@@ -211,7 +216,7 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
     if len(wrong.lines) == before:
         with wrong.gathered():
             plan_table.check_groups(sorties, fleet)
-    return _Search(sorties, contacts, sensors, fleet, plan)
+    return _Search(sorties, contacts, sensors, fleet, plan, run.sensors)
 
 
 def _sensors(table: CaseTable, run: Run, wrong: Mistakes) -> Sensors:
