@@ -66,7 +66,9 @@ def _carrying(case: Case, sensor: Sensor) -> Sortie | None:
     every = [s for s in every if s.legs is not None and s.frame == "ground"]
     if len(every) > 1:
         names = ", ".join(f'"{sortie.name}"' for sortie in every)
-        raise UserError(f'where is sensor "{sensor.name}"? Sorties {names} carry it: give --at, and --heading of an array')
+        raise UserError(
+            f'where is sensor "{sensor.name}"? Sorties {names} carry it: give --at, and --heading of an array'
+        )
     return every[0] if every else None
 
 
@@ -116,7 +118,9 @@ def _place(
         return place, course if toward is None else toward
     grid = sensor.sees
     if isinstance(grid, PodGrid) and grid.lon is not None and grid.lat is not None:
-        said.append(("place", "the middle of what its table sees, from which ranges are told: it has no place of its own"))
+        said.append(
+            ("place", "the middle of what its table sees, from which ranges are told: it has no place of its own")
+        )
         return _middle(grid, when), toward or 0.0
     raise UserError(f'where is sensor "{sensor.name}"? Neither its table (at) nor one sortie says; give --at')
 
@@ -164,7 +168,9 @@ def _level(case: Case, sensor: Sensor, scenario: str | None, speed: object, said
     if not isinstance(sensor.sees, Sonar):
         given = [option for option, value in (("--scenario", scenario), ("--speed", speed)) if value is not None]
         if given:
-            raise UserError(f'{given[0]}: sensor "{sensor.name}" is a table of POD, the same for all targets; leave it out')
+            raise UserError(
+                f'{given[0]}: sensor "{sensor.name}" is a table of POD, the same for all targets; leave it out'
+            )
         return math.nan
     names = [one.name for one in case.scenarios]
     if scenario is not None and scenario not in names:
@@ -174,20 +180,23 @@ def _level(case: Case, sensor: Sensor, scenario: str | None, speed: object, said
     weights = [one.weight for one in case.scenarios]
     k = int(np.argmax(weights)) if scenario is None else names.index(scenario)
     levels = sensor.sees.levels
-    fast = _speed(speed, levels)
+    fast = _speed(speed, levels, k)
     level = float(hearing.level(sensor.sees, np.array([k]), np.array([fast]))[0])
     alone = len(names) == 1
     why = "" if scenario is not None or alone else f", the likeliest beforehand ({weights[k] / sum(weights):.0%})"
     words = f'{level:.4g} dB, of scenario "{names[k]}"{why}'
-    if len(levels.speed) > 1:
+    if np.ptp(levels.level[k]) > 0:
         words += f", at {fast / KNOT:.3g} kn{', the slowest that is given' if speed is None else ''}"
     said.append(("source level", words))
     return level
 
 
-def _speed(speed: object, levels: Levels) -> float:
+def _speed(speed: object, levels: Levels, scenario: int) -> float:
+    """Return the speed [m/s] that is asked for, or the slowest of a scenario's own table."""
     if speed is None:
-        return float(levels.speed[0])
+        own = levels.level[scenario]  # other scenarios may be given at slower speeds
+        changes = np.flatnonzero(own != own[0])
+        return float(levels.speed[changes[0] - 1 if changes.size else 0])
     try:
         number = units.quantity(speed, "m/s", "speed", "8 kn")
     except ValueError as error:

@@ -49,7 +49,7 @@ def _write(case: Case, found: Reach, folder: Path, overwrite: bool) -> None:
     told = _attributes(case, found.question)
     imprint = Imprint(
         f'{case.title}: sensor "{found.question.sensor.name}"',
-        f"{told['source']}. A look is one instant; land is passed over.",
+        f"{told['source']}. A look is one instant; land is passed over; where a map is blank nothing is heard or seen.",
         {**told, "run_id": formats.run_id(told)},
     )
     land = coastline.lands(None, case.coast)

@@ -30,12 +30,12 @@ from geo.notation import NMI
 PIXELS = 520  # along a side of a map
 CIRCLE = np.radians(np.arange(0.0, 361.0, 2.0))
 STEPS = tuple(m * 10.0**e for e in range(-2, 5) for m in (1, 2, 5))  # [nmi] between rings
-RINGS = 4  # at most
+RINGS = 6  # at most
 RAYS = 12  # beams that are drawn, at most
 AWAY = np.radians(20.0)  # bearing on which the ranges of rings are written
 SCALES = (10.0, 15.0, 20.0, 30.0)  # [dB] to which the colours go
-WIDE, HIGH, TOP = 5.15, 5.15, 1.0  # [in] of a map, and of the words above it
-SHARES = ((0.1, (0, (1, 2))), (0.5, "-"), (0.9, (0, (6, 2))))  # lines of the probability of detection
+WIDE, HIGH, TOP = 5.15, 5.15, 1.05  # [in] of a map, and of the words above it
+SHARES = ((0.1, (0, (1, 1.5))), (0.5, "-"), (0.9, (0, (6, 2))))  # lines of the probability of detection
 
 
 def draw(found: Reach, path: Path, imprint: Imprint, land: Callable[[Box], Iterable[Any]]) -> None:
@@ -48,12 +48,12 @@ def draw(found: Reach, path: Path, imprint: Imprint, land: Callable[[Box], Itera
     on = sheet.begin(
         Sheet(
             width, height, 140, left=left, title=sheet.heading(1 - 0.36 / height, 15, 0.85 * letters),
-            lines=(Row(1 - 0.62 / height, 10, 1.3 * letters), Row(1 - 0.82 / height, 8.5, 1.55 * letters)),
+            lines=(Row(1 - 0.60 / height, 10, 1.3 * letters), *(Row(1 - at / height, 8.5, 1.5 * letters) for at in (0.79, 0.96))),
             footer=sheet.small(0.1 / height, 7.5, 1.7 * letters),
         )
     )  # fmt: skip
     asked = found.question
-    sheet.head(on, imprint, _capital(text.described(asked)), _second(asked))
+    sheet.head(on, imprint, _capital(text.described(asked)), *_terms(asked))
     frame = _frame(found)
     x, y = (np.linspace(*side, PIXELS + 1) for side in (frame.x, frame.y))
     seen = _pixels(asked, frame, x, y)
@@ -70,7 +70,9 @@ def draw(found: Reach, path: Path, imprint: Imprint, land: Callable[[Box], Itera
         chart.graticule(axes, frame, labels=(True, k == 0))
         _marks(on, axes, frame, found)
         bar = on.figure.add_axes((box[0] + 0.1 * box[2], 0.82 / height, 0.8 * box[2], 0.12 / height))
-        on.figure.colorbar(mesh, cax=bar, orientation="horizontal", extend="both" if title.startswith("Sig") else "neither")
+        on.figure.colorbar(
+            mesh, cax=bar, orientation="horizontal", extend="both" if title.startswith("Sig") else "neither"
+        )
         bar.set_xticks(*ticks)
         bar.tick_params(labelsize=7.5, colors=INK, length=3)
     key = _key(asked, both)
@@ -86,14 +88,18 @@ def _capital(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-def _second(asked: Question) -> str:
-    """Return what the maps are of: the source level, or a table; and how sure a look is."""
+def _terms(asked: Question) -> tuple[str, str]:
+    """Return what the maps are of: the source level, or a table; and what a look takes besides."""
     told = dict(asked.assumed)
     sonar = asked.sonar
     if sonar is None:
-        return f"A look by the table {getattr(asked.sensor.sees, 'name', '')}".rstrip()
-    unknown = f", {sonar.unknown:g} dB unknown to all looks" if sonar.unknown > 0 else ""
-    return f"Source level {told['source level']}; noise {told['noise']}; fluctuation {sonar.fluctuation:g} dB{unknown}"
+        return f"A look by the table {getattr(asked.sensor.sees, 'name', '')}".rstrip(), told.get("POD", "")
+    unknown = f", unknown to all looks {sonar.unknown:g} dB" if sonar.unknown > 0 else ""
+    level = f"Source level {told['source level']}"
+    return (
+        level,
+        f"Noise {told['noise']}; threshold {sonar.threshold:g} dB; fluctuation {sonar.fluctuation:g} dB{unknown}",
+    )
 
 
 def _frame(found: Reach) -> Frame:
@@ -115,9 +121,7 @@ def _pixels(asked: Question, frame: Frame, x: Array, y: Array) -> Looked:
     lonlat = np.radians(chart.DEGREES.transform_points(frame.crs, *middle))
     off = ~np.isfinite(lonlat[..., :2]).all(axis=-1)
     seen = reaching.look(asked, np.where(off, 0.0, lonlat[..., 0]), np.where(off, 0.0, lonlat[..., 1]))
-    return Looked(
-        np.where(off, np.nan, seen.pod), None if seen.excess is None else np.where(off, np.nan, seen.excess)
-    )
+    return Looked(np.where(off, np.nan, seen.pod), None if seen.excess is None else np.where(off, np.nan, seen.excess))
 
 
 def _excess(axes: Axes, x: Array, y: Array, seen: Looked) -> tuple[Any, str, Any]:
@@ -150,7 +154,15 @@ def _lines(axes: Axes, x: Array, y: Array, values: Array, levels: Iterable[tuple
     middle = (x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2
     for level, dashes in levels:
         if values.min() < level < values.max():
-            axes.contour(*middle, values, [level], colors=INK, linewidths=0.9, linestyles=[dashes], zorder=3)
+            axes.contour(
+                *middle,
+                values,
+                [level],
+                colors=INK,
+                linewidths=0.6 if level == SHARES[0][0] else 0.9,
+                linestyles=[dashes],
+                zorder=3,
+            )
 
 
 def _marks(on: Page, axes: Axes, frame: Frame, found: Reach) -> None:
@@ -158,7 +170,7 @@ def _marks(on: Page, axes: Axes, frame: Frame, found: Reach) -> None:
     asked = found.question
     x0, y0 = frame.project(*asked.place)
     points: list[labels.Point] = []
-    step = next(step for step in STEPS if found.extent / NMI / step <= RINGS + 0.5)
+    step = next(step for step in STEPS if found.extent / NMI / step <= RINGS)
     rings, every = [], np.arange(1, math.floor(found.extent / NMI / step) + 1) * step
     for miles in every:
         rings.append(np.column_stack(frame.project(*_way(asked, CIRCLE, np.full(CIRCLE.shape, miles * NMI)))))
@@ -183,7 +195,7 @@ def _marks(on: Page, axes: Axes, frame: Frame, found: Reach) -> None:
         [x0], [y0], linestyle="none", marker="*", markersize=12, color=RED, markeredgecolor="white", zorder=13,
         scalex=False, scaley=False,
     )  # fmt: skip
-    chart.scale_bar(axes, frame, (0.015, 0.015), small=False)
+    chart.scale_bar(axes, frame, (0.015, 0.015), small=True)
 
 
 def rays(asked: Question) -> list[tuple[int, float]]:

@@ -30,7 +30,9 @@ def facts(found: Reach) -> dict[str, str]:
             told["best bearing"] = f"{first:03d}, to {miles(found.farthest[first])}"
             told["worst bearing"] = f"{last:03d}, to {miles(found.farthest[last])}"
         middle = median(found)
-        told[f"zones on {middle:03d}"] = ", ".join(f"{a / NMI:.1f} to {b / NMI:.1f} nmi" for a, b in zones(found, middle))
+        told["zones" if alike(found) else f"zones on {middle:03d}"] = ", ".join(
+            f"{a / NMI:.1f} to {b / NMI:.1f} nmi" for a, b in zones(found, middle)
+        )
     return told | {f"assumed, {name}": words for name, words in asked.assumed}
 
 
