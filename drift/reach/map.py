@@ -166,10 +166,9 @@ def _lines(axes: Axes, x: Array, y: Array, values: Array, levels: Iterable[tuple
 
 
 def _marks(on: Page, axes: Axes, frame: Frame, found: Reach) -> None:
-    """Draw rings of range, beams, the array's heading and the sensor; then a scale."""
+    """Draw rings of range, beams, the array's heading and the sensor."""
     asked = found.question
     x0, y0 = frame.project(*asked.place)
-    points: list[labels.Point] = []
     step = next(step for step in STEPS if found.extent / NMI / step <= RINGS)
     rings, every = [], np.arange(1, math.floor(found.extent / NMI / step) + 1) * step
     for miles in every:
@@ -195,7 +194,6 @@ def _marks(on: Page, axes: Axes, frame: Frame, found: Reach) -> None:
         [x0], [y0], linestyle="none", marker="*", markersize=12, color=RED, markeredgecolor="white", zorder=13,
         scalex=False, scaley=False,
     )  # fmt: skip
-    chart.scale_bar(axes, frame, (0.015, 0.015), small=True)
 
 
 def rays(asked: Question) -> list[tuple[int, float]]:
