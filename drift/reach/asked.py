@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drift.case import fields, sonar, units
 from drift.case.record import Case
@@ -144,9 +145,11 @@ def _under_way(legs: Legs, time: float) -> tuple[tuple[float, float], float]:
     share = min(max((time - legs.time[k]) / (legs.time[k + 1] - legs.time[k]), 0.0), 1.0)
     ends = np.radians([[legs.lon[k], legs.lat[k]], [legs.lon[k + 1], legs.lat[k + 1]]])
     east, north = sphere.offset(*ends[0], *ends[1])
-    lon, lat = sphere.destination(*ends[0], east * share, north * share)
+    lon, lat = sphere.destination(ends[0, 0], ends[0, 1], east * share, north * share)
     # The great circle goes on beyond its end as it came there.
-    before, after = (sphere.destination(*ends[0], east * s, north * s) for s in (share - 1e-3, share + 1e-3))
+    before, after = (
+        sphere.destination(ends[0, 0], ends[0, 1], east * s, north * s) for s in (share - 1e-3, share + 1e-3)
+    )
     way = sphere.offset(*before, *after)
     place = float(sphere.wrap_degrees(math.degrees(float(lon)))), math.degrees(float(lat))
     return place, float(np.arctan2(*way)) % hearing.TURN
@@ -213,7 +216,7 @@ def _noise(noise: Noise, when: np.datetime64) -> str:
     return f"{span}, {held}" if held else span
 
 
-def _held(times: np.ndarray, when: np.datetime64) -> str:  # type: ignore[type-arg]
+def _held(times: NDArray[np.datetime64], when: np.datetime64) -> str:
     """Return what is said of a time outside of those that are known."""
     if not times.size or times[0] <= when <= times[-1]:
         return ""

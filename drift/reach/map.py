@@ -35,7 +35,11 @@ RAYS = 12  # beams that are drawn, at most
 AWAY = np.radians(20.0)  # bearing on which the ranges of rings are written
 SCALES = (10.0, 15.0, 20.0, 30.0)  # [dB] to which the colours go
 WIDE, HIGH, TOP = 5.15, 5.15, 1.05  # [in] of a map, and of the words above it
-SHARES = ((0.1, (0, (1, 1.5))), (0.5, "-"), (0.9, (0, (6, 2))))  # lines of the probability of detection
+SHARES: tuple[tuple[float, Any], ...] = (
+    (0.1, (0, (1, 1.5))),
+    (0.5, "-"),
+    (0.9, (0, (6, 2))),
+)  # lines of the probability of detection
 
 
 def draw(found: Reach, path: Path, imprint: Imprint, land: Callable[[Box], Iterable[Any]]) -> None:
@@ -173,7 +177,7 @@ def _marks(on: Page, axes: Axes, frame: Frame, found: Reach) -> None:
     rings, every = [], np.arange(1, math.floor(found.extent / NMI / step) + 1) * step
     for miles in every:
         rings.append(np.column_stack(frame.project(*_way(asked, CIRCLE, np.full(CIRCLE.shape, miles * NMI)))))
-        x, y = frame.project(*_way(asked, AWAY, np.float64(miles * NMI)))
+        x, y = frame.project(*_way(asked, AWAY, np.array(miles * NMI)))
         axes.text(
             float(x), float(y), f"{miles:g} nmi" if miles == every[0] else f"{miles:g}", fontsize=7.5, color=INK,
             ha="center", va="center", path_effects=labels.HALO, zorder=16, clip_on=True,

@@ -49,7 +49,7 @@ def look(asked: Question, lon: Array, lat: Array) -> Looked:
     sees = asked.sensor.sees
     if isinstance(sees, PodGrid):
         return Looked(np.asarray(grid_pod.chance(sees, at, asked.time, lon, lat)), None)
-    source = np.float64(asked.level)
+    source = np.array(asked.level)
     over = hearing.over(Ear(sees, asked.beams), at, asked.heading, asked.time, lon, lat, source)
     values, shares = unknown.offsets(sees.unknown, sees.fluctuation)
     pod = sum(share * hearing.chance(sees, over + value) for value, share in zip(values, shares, strict=True))
@@ -74,7 +74,8 @@ def _horizon(asked: Question) -> float:
     assert sees.lat is not None
     x, y = np.meshgrid(sees.lon, sees.lat)
     seen = (grid_pod.at(sees, asked.time) > 0) | np.zeros(x.shape, bool)
-    far = sphere.distance(*np.radians(asked.place), x[seen], y[seen])
+    at = np.radians(asked.place)
+    far = sphere.distance(at[0], at[1], x[seen], y[seen])
     # A value reaches as far as the points about it.
     cell = sphere.RADIUS * math.hypot(sees.lon[1] - sees.lon[0], sees.lat[1] - sees.lat[0])
     return min(float(far.max(initial=LEAST)) + cell, MOST)
