@@ -20,6 +20,7 @@ from drift.patrols.patrol import patrol as patrol
 from drift.planner.planner import plan as plan
 from drift.preview.check import check as check
 from drift.providers.fetching import fetch as fetch
+from drift.reach.command import sensor_reach as sensor_reach
 from drift.result import Result as Result
 from drift.version import __version__ as __version__
 from geo.errors import UserError as UserError

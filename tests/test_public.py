@@ -14,7 +14,7 @@ import drift
 
 NAMES = {
     "Brief", "Case", "Result", "UserError", "__version__", "check", "compare", "export", "fetch", "fit_errors", "load", "origin", "patrol", "plan", "progress",
-    "results", "run", "run_many", "serve", "trace", "vary", "verify",
+    "results", "run", "run_many", "sensor_reach", "serve", "trace", "vary", "verify",
 }  # fmt: skip
 
 

@@ -1,7 +1,9 @@
 """The record of a case from its tables: each is in order by itself, and here all must fit together."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +28,7 @@ from drift.environment.forcing_spec import Forcing, ForcingSpec
 from drift.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
 from drift.motion.scenario import Scenario
 from drift.search.records import Contact, PlanSpec, Sensors, Sortie, Unit
-from drift.sensors.records import Tow
+from drift.sensors.records import Sensor, Tow
 from drift.spill.records import Spill
 from geo import notation
 from geo.errors import UserError
@@ -47,6 +49,7 @@ class _Search(NamedTuple):
     units: tuple[Unit, ...] = ()
     plan: PlanSpec | None = None
     tows: tuple[Tow, ...] = ()
+    named: Mapping[str, Sensor] = MappingProxyType({})  # sensors that these refer to by name
 
 
 def build(table: CaseTable, path: Path, text: str) -> Case:
@@ -95,6 +98,7 @@ def build(table: CaseTable, path: Path, text: str) -> Case:
         sorties=search.sorties,
         contacts=search.contacts,
         sensors=search.sensors,
+        named_sensors=search.named,
         units=search.units,
         plan=search.plan,
         resampling=table.resampling.resampling(),
@@ -223,7 +227,7 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
             "[[unit]] and [[tow]]: a plan is of units that search, or of ships that tow arrays; plan one, append its sorties to the "
             "case, and plan the other"
         )
-    return _Search(sorties, contacts, sensors, fleet, plan, tows)
+    return _Search(sorties, contacts, sensors, fleet, plan, tows, run.sensors)
 
 
 def _sensors(table: CaseTable, run: Run, wrong: Mistakes) -> Sensors:

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from drift.cli import answer, bridges, export, fetch, grammar, jobs, lists, serve, terminal
+from drift.cli import answer, bridges, export, fetch, grammar, jobs, lists, reach, serve, terminal
 from drift.cli.answer import Answer
 from drift.output import interrupt
 from geo.errors import UserError
@@ -29,6 +29,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], Answer]] = {
     "fit-errors": jobs.fit_errors,
     "bridge": bridges.bridge,
     "fit-bridge": bridges.fit_bridge,
+    "sensor": reach.sensor,
     "check": jobs.check,
     "cases": lists.cases,
     "new": lists.new,

@@ -89,6 +89,8 @@ def parser() -> Parser:
     _add_bridge(commands)
     _add_fit_bridge(commands)
 
+    _add_sensor(commands)
+
     check = commands.add_parser("check", help="validate a case and its forcing without running")
     _add_case(check)
     _add_output(check)
@@ -270,6 +272,32 @@ def _add_fit_bridge(commands: Any) -> None:
         help="also fit every other track and say what the 50 and 90 %% areas hold of the rest",
     )
     _add_output(fit, quiet=False)
+
+
+def _add_sensor(commands: Any) -> None:
+    sensor = commands.add_parser("sensor", help="say where a sensor of a case would hear, or see, a target")
+    _add_case(sensor)
+    sensor.add_argument("name", metavar="NAME", help="of its [[sensor]] table")
+    sensor.add_argument(
+        "--time", metavar="TIME", help="when, like 211830ZNOV26 or '+6 h' (default: the start of the case, or of the one "
+        "sortie that carries the sensor)",
+    )  # fmt: skip
+    sensor.add_argument(
+        "--at", metavar="POSITION", help="where, like '36 00N 070 00W', of a sensor whose table does not say (default: where "
+        "the one sortie that carries it is then)",
+    )  # fmt: skip
+    sensor.add_argument("--heading", metavar="DEG", help="of the array of a sensor that is placed by --at")
+    sensor.add_argument("--beams", metavar="1,4", help="numbers of the beams that are listened to (default: all)")
+    sensor.add_argument(
+        "--scenario", metavar="SCENARIO", help="whose source level is heard (default: the likeliest beforehand)"
+    )
+    sensor.add_argument(
+        "--speed", metavar="SPEED", help="of the target, like '8 kn', where its source level goes by speed (default: the "
+        "slowest that is given)",
+    )  # fmt: skip
+    sensor.add_argument("--out", type=Path, metavar="DIR", help="folder for the results (default: CASE-sensor-NAME)")
+    sensor.add_argument("--overwrite", action="store_true", help="replace results that the folder holds")
+    _add_output(sensor)
 
 
 def _add_info(commands: Any) -> None:

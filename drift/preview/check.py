@@ -15,6 +15,7 @@ from drift.motion.scenario import Scenario
 from drift.preview import outlook, voyage
 from drift.search import contacts
 from drift.search.records import Barrier, Contact, Field, Line, Look, Presence, Sortie
+from drift.sensors.records import Sensor, Sonar
 from drift.spill import renewal
 from drift.spill.records import Spill
 from drift.suspend import alive
@@ -148,6 +149,8 @@ def _search(case: Case) -> dict[str, str]:
         lines[f'contact "{contact.name}"'] = f"{contact.kind}, {notation.group(contact.time)}, {_heard(contact)}{doubt}"
     for what in (*case.sensors.telling, *case.sensors.lines):
         lines[f'{type(what).__name__.lower()} "{what.name}"'] = _sensor(what)
+    for sensor in case.named_sensors.values():
+        lines[f'sensor "{sensor.name}"'] = _named_sensor(sensor)
     for unit in case.units:
         lines[f'unit "{unit.name}"'] = (
             f"from {notation.position(*unit.base)}, ready {notation.group(unit.ready)}, "
@@ -175,6 +178,19 @@ def _heard(contact: Contact) -> str:
     if own.tone is not None:
         words.append(f"frequency {own.tone.value:g} Hz of {own.tone.source:g} Hz")
     return "".join(f"{word}, " for word in words)
+
+
+def _named_sensor(sensor: Sensor) -> str:
+    """Return what a sensor is, and where."""
+    sees = sensor.sees
+    if isinstance(sees, Sonar):
+        many = len(sees.gain.beams)
+        beams = f", {many} beams" if many > 1 else ""
+        kind = f"sonar{beams}, losses {sees.losses.name} to {sees.losses.range[-1] / NMI:.3g} nmi"
+    else:
+        kind = f"POD {sees.name}, {'by place' if sees.range is None else f'to {sees.range[-1] / NMI:.3g} nmi'}"
+    where = "on what carries it" if sensor.place is None else f"at {notation.position(*sensor.place)}"
+    return f"{kind}, {where}"
 
 
 def _sensor(what: Look | Presence | Barrier | Line) -> str:
