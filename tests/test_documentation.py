@@ -10,6 +10,7 @@ from places import ROOT
 from pydantic import BaseModel
 
 from drift import flow
+from drift.arrays import chapter as arrays_chapter
 from drift.backtrack import chapter as backtrack_chapter
 from drift.case import scenario
 from drift.case.barrier import BarrierTable, LineTable
@@ -20,6 +21,7 @@ from drift.case.plan import PlanTable, ResamplingTable, UnitTable
 from drift.case.presence import PresenceTable
 from drift.case.sensor import ConditionsTable, SensorTable
 from drift.case.sortie import MarkerTable, SortieTable, WatchTable
+from drift.case.tow import TowTable
 from drift.contrast import chapter as contrast_chapter
 from drift.drifters import chapter as drifters_chapter
 from drift.forecast import by_member
@@ -60,6 +62,7 @@ HEADINGS: dict[str, type[BaseModel]] = {  # sections of search_keys.md, "chapter
     "[[barrier]]": BarrierTable,
     "[[line]]": LineTable,
     "[[unit]]": UnitTable,
+    "[[tow]]": TowTable,
     "[plan]": PlanTable,
     "[resampling]": ResamplingTable,
 }
@@ -76,7 +79,7 @@ WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapt
         *search_chapter.LINE_FILES, *search_chapter.LINE_PICTURES,
         *posterior_chapter.FILES, *posterior_chapter.PICTURES, *posterior_chapter.RANKED, *posterior_chapter.MANY, *by_member.FILES,
     },
-    "docs/searches.md": {*planner_chapter.FILES, *planner_chapter.PICTURES},
+    "docs/searches.md": {*planner_chapter.FILES, *planner_chapter.PICTURES, *arrays_chapter.FILES, *arrays_chapter.PICTURES},
     "docs/spill.md": {
         *spill_chapter.FILES, *spill_chapter.FIND_FILES, *spill_chapter.PICTURES,
         *patrols_chapter.FILES, *patrols_chapter.LEFT_OUT_FILES, *patrols_chapter.PICTURES,
