@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from drift.case.record import Case
-from drift.environment import domain, environment, lost
+from drift.environment import coastline, domain, environment, lost
 from drift.environment.environment import Common, Environment
 from drift.environment.environment_spec import Coast, EnvironmentSpec
 from drift.environment.silence import AtEnd
@@ -33,7 +33,7 @@ from drift.search.account import Noted
 from drift.search.filter import Search
 from drift.search.meeting import Meeting
 from drift.search.updates import Update
-from drift.sensors import unknown
+from drift.sensors import afloat, unknown
 from drift.spill import release, renewal
 from drift.spill import worlds as drawn_worlds
 from drift.spill.worlds import Proposal, Worlds
@@ -112,7 +112,10 @@ def open_for(
     """
     asked = environment_spec(case)
     held = environment.hold(asked, datasets, case.path.name)
-    return environment.open_for(ensemble_spec(case), asked, held, seen, common)
+    where = environment.open_for(ensemble_spec(case), asked, held, seen, common)
+    if where.coast is not None:
+        afloat.refuse(case.named_sensors.values(), coastline.lands(where.coast, case.coast))
+    return where
 
 
 def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | None = None) -> Start:

@@ -28,7 +28,7 @@ def decibels(what: str, low: float, high: float, above: bool = False) -> Callabl
     """Return what reads decibels in [low, high], or (low, high]: a number, or a text with its unit."""
 
     def check(value: object) -> float:
-        number = _decibels(value, what)
+        number = _decibels(value, what, _like(low, high))
         if not low <= number <= high or (above and number == low):
             least = f"above {low:g}" if above else f"{low:g}"
             raise ValueError(
@@ -43,7 +43,7 @@ def _like(low: float, high: float) -> str:
     return f"{(low + high) / 2:g} dB"
 
 
-def _decibels(value: object, what: str) -> float:
+def _decibels(value: object, what: str, example: str = "6 dB") -> float:
     """Return decibels, of a number or a text "140 dB"; pint takes a logarithmic unit for a ratio."""
     text = value
     if isinstance(value, str):
@@ -53,7 +53,7 @@ def _decibels(value: object, what: str) -> float:
             raise ValueError
         number = float(text)
     except ValueError:
-        raise ValueError(f'{what} {value!r} is no number of decibels; write it like "6 dB"') from None
+        raise ValueError(f'{what} {value!r} is no number of decibels; write it like "{example}"') from None
     if not math.isfinite(number):
         raise ValueError(f"{what} {value!r} must be finite")
     return number
