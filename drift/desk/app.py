@@ -83,8 +83,10 @@ class Desk:
             return _refusal(404, "no such case")
         text = template.text(name) if name in template.STORIES else _asset("cases", f"{name}.toml")
         try:
-            for beside in set(re.findall(r'"(networks/[\w.-]+)"', text)):  # files that it names are copied with it
-                shelf.lay_beside(self.folder, beside, resources.files("cases").joinpath(beside).read_text("utf-8"))
+            for beside in set(
+                re.findall(r'"((?:networks|losses)/[\w.-]+)"', text)
+            ):  # files that it names are copied with it
+                shelf.lay_beside(self.folder, beside, resources.files("cases").joinpath(beside).read_bytes())
             return JSONResponse({"name": shelf.save_new(self.folder, name, text)})
         except OSError as error:
             return _refusal(500, f"{name} cannot be copied: {error.strerror}")

@@ -46,7 +46,10 @@ def save(folder: Path, name: str, text: str, before: str | None) -> str:
     before: its digest when it was read, None for one that must not be there yet. Raises Conflict, and writes nothing,
     where it is otherwise by now.
     """
-    data = text.encode("utf-8")
+    return _written(folder, name, text.encode("utf-8"), before)
+
+
+def _written(folder: Path, name: str, data: bytes, before: str | None) -> str:
     mode = 0o644
     if before is not None:
         try:
@@ -80,7 +83,7 @@ def save_new(folder: Path, stem: str, text: str) -> str:
     raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
 
 
-def lay_beside(folder: Path, path: str, text: str) -> None:
+def lay_beside(folder: Path, path: str, data: bytes) -> None:
     """Write "folder/name", unless it is there already; raise OSError where that folder is a link."""
     inner, name = path.split("/")
     with suppress(FileExistsError):
@@ -88,7 +91,7 @@ def lay_beside(folder: Path, path: str, text: str) -> None:
     if not stat.S_ISDIR(os.lstat(folder / inner).st_mode):
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
     with suppress(Conflict):
-        save(folder / inner, name, text, None)
+        _written(folder / inner, name, data, None)
 
 
 def _appear(half: Path, path: Path) -> None:

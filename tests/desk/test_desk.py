@@ -361,6 +361,14 @@ def test_a_copy_of_a_shipped_case_brings_its_network(served: Server) -> None:
     (served.folder / "networks").unlink()
 
 
+def test_a_copy_of_a_shipped_case_brings_its_losses(served: Server) -> None:
+    assert served.json("POST", "/api/shipped/sound_channel", {})["name"] == "sound_channel.toml"
+    assert (served.folder / "losses" / "sargasso.nc").read_bytes() == (
+        ROOT / "cases" / "losses" / "sargasso.nc"
+    ).read_bytes()
+    assert drift.load(served.folder / "sound_channel.toml").named_sensors
+
+
 # --- jobs ------------------------------------------------------------------------------------------------------------
 
 
