@@ -28,7 +28,7 @@ from drift.maps.imprint import Setting
 from drift.motion import scene, simulate
 from drift.motion.forcing import Sources
 from drift.motion.spool import Spool
-from drift.output import ahead, publication, writer
+from drift.output import publication, writer
 from drift.output.chapter import Chapter, joined
 from drift.particles import life
 from drift.particles.columns import Columns
@@ -184,8 +184,6 @@ def forecasted(job: Job, noted: Noted | None = None) -> Result:
 def kept(job: Job, noted: Noted | None = None) -> Iterator[Result]:
     """Give the forecast of a job's case, as `forecasted` does, with its particles, which can be read inside."""
     many = _shards(job)
-    if job.out is not None:
-        ahead.begin("drift.forecast.map", "drift.forecast.stories_map", "dask.array")  # the last by xarray, of any data
     with contextlib.ExitStack() as stack:
         if many > 1 or job.client is not None:
             ended = _spilled(job, many, stack) if job.case.spill else _in_shards(job, many, stack, noted)

@@ -17,8 +17,6 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
-from drift.output import ahead
-
 MOST = 4  # processes that draw: each holds some 100 MB
 TURN = 2  # [bytes] of a picture's number
 TURNS = 2000  # pictures that are shared among processes; a pipe takes them at once
@@ -35,7 +33,6 @@ def begun(pictures: Mapping[str, Draw], place: Path, processes: int) -> Iterator
 
     Gives a function that takes part until all are drawn. processes: how many may draw, this one among them.
     """
-    ahead.done()
     copies: dict[int, int] = {}  # the pipe by which each tells what it has drawn, and its process
     next_one, turns = os.pipe()
     os.write(turns, b"".join(k.to_bytes(TURN, "big") for k in range(min(len(pictures), TURNS))))
