@@ -661,9 +661,7 @@ def test_case_and_its_sorties_are_what_a_second_opinion_says(
     assert (np.abs(apart[mine != there]) < SIGMAS).all(), lines
 
 
-Told = Callable[
-    [dict[str, Any], Array, Array], Array
-]  # from a watch or a contact, bearings [deg] and ranges [m] to a chance
+Hearing = Callable[[dict[str, Any], Array, Array], Array]  # a watch or contact, bearings [deg], ranges [m] to chances
 
 
 def zoned(told: dict[str, Any], _: Array, far: Array) -> Array:
@@ -695,7 +693,7 @@ def by_ear(told: dict[str, Any], bearing: Array, far: Array) -> Array:
     return np.where(far <= ranges[-1], stats.norm.cdf((level - lost - noise - least) / spread), 0.0)
 
 
-def bayes(name: str, spacing: float, chance: Told) -> tuple[Array, Array, Array]:
+def bayes(name: str, spacing: float, chance: Hearing) -> tuple[Array, Array, Array]:
     """Return the posterior of a case of two buoys by Bayes on a grid [nmi]: masses, places [m] about 36N 070W, cell areas [m2]."""
     geod = oracle.pyproj.Geod(a=oracle.R, b=oracle.R)
     side = np.arange(-170, 170, spacing) + spacing / 2
@@ -728,7 +726,7 @@ def bayes(name: str, spacing: float, chance: Told) -> tuple[Array, Array, Array]
 
 
 @pytest.mark.parametrize(("name", "chance"), [("convergence_zones", zoned), ("sound_channel", by_ear)])
-def test_buoys_are_bayes_on_a_grid(name: str, chance: Told) -> None:
+def test_buoys_are_bayes_on_a_grid(name: str, chance: Hearing) -> None:
     """Mean and share of each cell of a coarse grid, within standard errors of self-normalised weights."""
     mass, where, _ = bayes(name, 0.4, chance)
     loaded = case_file.load(name, {"particles": "200_000", "output": '{ every = "100 d", trajectories = 1_000_000 }'})
