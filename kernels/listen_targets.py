@@ -3,7 +3,7 @@
 See kernels.listen and kernels.glimpse.
 
 A piece of a target's way (kernels.pieces) without noise is straight. A Brownian bridge is halved at Levy's midpoints where
-the sensor may tell of it, until it strays by no more than the table of losses resolves, or half a cell of POD (kernels.noise: the same midpoints for
+the sensor may tell of it (a sonar: where it may be heard), until it strays by no more than the table of losses resolves, or half a cell of POD (kernels.noise: the same midpoints for
 every sensor that asks); its speed, which the level may depend on, is that of its leg.
 """
 
@@ -105,14 +105,23 @@ def _steering(
                             fine = 0.5 * ear.between
                             if ti.static(kind == HEARD):
                                 fine = ti.max(ear.between, listen.FINE)
-                            if depth < DEPTH and stray > fine and glimpse.near(kind, ear, a, b, stray) == 1:
-                                halve = 1
+                            if depth < DEPTH and stray > fine:
+                                halve = glimpse.near(kind, ear, a, b, stray)
+                                if ti.static(kind == HEARD):
+                                    if halve == 1:
+                                        d = b - a
+                                        share = ti.min(ti.max(-a.dot(d) / ti.max(d.dot(d), 1e-12), 0.0), 1.0)
+                                        far = ti.max((a + share * d).norm() - glimpse.FAR * stray, 0.0)
+                                        loud = listen.level(levels, paces, which, mean) + offsets[f]
+                                        halve = listen.audible(ear, limits, far, loud)
+                            if halve == 1:
+                                pass
                             elif ti.static(kind == HEARD):
                                 quiet += low - now
                                 speed = mean
                                 if k <= 0.0 and paces.shape[0] > 1:
                                     to_x, to_y = pieces.piece_to_lon[here], pieces.piece_to_lat[here]
-                                    far = sphere.offset(pieces.piece_lon[here], pieces.piece_lat[here], to_x, to_y)
+                                    far = sphere.offset_near(pieces.piece_lon[here], pieces.piece_lat[here], to_x, to_y)
                                     speed = far.norm() / ti.max(whole, 1.0)
                                 source = listen.level(levels, paces, which, speed) + offsets[f]
                                 listen.hear(silence, quiet, ear, losses, gains, limits, a, b, high - low, source)
