@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sonars
-from scipy import special
+from scipy import interpolate, special
 from sonars import Sonar, run
+
+from kernels import listen
 
 RANGES = np.concatenate([[0, 500, 1000], np.arange(2000, 760_001.0, 2000)])
 RADIALS = np.arange(0, 360, 24.0)
@@ -70,3 +72,38 @@ def test_it_hears_nothing_beyond_its_table(tmp_path: Path) -> None:
     near = scenario("here", (-29.5, 36.0), "3 nmi")
     silent = standing((-30.0, 36.0), levels={"here": 60.0})
     assert (run(tmp_path, STILL + near + silent.text(tmp_path) + WATCH).said == 0).all()
+
+
+def test_between_the_ends_of_a_way_nothing_is_louder_than_the_limits_say() -> None:
+    """On straight ways past a sonar, told in 400 places by SciPy's interpolation, on either side of the nearest point."""
+    random = np.random.default_rng(5)
+    rays, rings, sides, far = 12, 31, 36, 60_000.0
+    losses = (60 + 20 * random.random((rays, rings)) + 12 * np.log1p(np.arange(rings))).astype(np.float32)
+    gains = (8 * random.random(sides)).astype(np.float32)
+    tables = listen.Tables(losses, 0.0, far / (rings - 1), gains, np.zeros((1, 1)), np.zeros(1, np.float32), 6.0, 1e-3)
+    limits = listen.limits(tables).astype(float)
+    by_range, best, by_bearing = np.split(limits, [rings, 2 * rings])
+    ring, turn = np.linspace(0, far, rings), np.linspace(0, 1, rays + 1)
+    lost = interpolate.RegularGridInterpolator((turn, ring), np.vstack([losses, losses[:1]]))
+    told = []
+    for _ in range(300):
+        a, b = random.normal(0, 20_000, (2, 2))
+        way = a + np.linspace(0, 1, 400)[:, None] * (b - a)
+        away = np.hypot(*way.T)
+        nearest = int(away.argmin())
+        if away.max() > far:
+            continue
+        bearing = np.unwrap(np.arctan2(*way.T)) / (2 * np.pi)
+        excess = np.interp(bearing, np.arange(sides) / sides, gains, period=1)
+        excess -= lost(np.stack([bearing % 1, away], axis=1))
+        up = np.interp(away, ring, by_range)
+        whole = np.floor(bearing)
+        sideways = np.interp(bearing - whole, np.linspace(0, 1, len(by_bearing)), by_bearing) + whole * by_bearing[-1]
+        for half in (slice(0, nearest + 1), slice(nearest, 400)):
+            e = excess[half]
+            v = abs(up[half][-1] - up[half][0]) + abs(sideways[half][-1] - sideways[half][0])
+            assert e.max() <= max(e[0], e[-1]) + 0.5 * (v - abs(e[-1] - e[0])) + 1e-3  # float32 of 500 dB
+            assert e.max() <= best[int(away[half].min() / (far / (rings - 1)))] + 1e-3
+            told.append(v)
+    assert len(told) > 300
+    assert np.median(told) > 20
