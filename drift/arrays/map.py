@@ -38,20 +38,20 @@ GROUND = ListedColormap(colormaps["YlOrBr"](np.linspace(0.0, 0.42, 128)))  # of 
 LINE: dict[str, Any] = {"color": INK, "linewidth": 1.4}
 
 
-def draw(allocation: Allocation, hearing: Hearing, names: Names, path: Path, imprint: Imprint) -> None:
-    """Draw which beams are processed when, and how much is heard by then."""
+def draw(allocation: Allocation, hearing: Hearing, names: Names, path: Path, imprint: Imprint, pod: str = "") -> None:
+    """Draw which beams are processed when, and how much is heard by then; pod: what it is worth, in a line."""
     rows = shown(allocation, hearing)
     y, top = _heights(hearing, rows)
-    over, under = 1.15, 0.75 + CURVE + 0.45
+    over, under = 1.15 + 0.2 * bool(pod), 0.75 + CURVE + 0.45
     height = over + top + under
     on = sheet.begin(
         Sheet(
             WIDTH, height, 120, left=0.02, title=sheet.heading(1 - 0.38 / height, 14, 95), beside=75,
-            lines=(Row(1 - 0.64 / height, 9.5, 165),), caution=Badge(0.985, 1 - 0.38 / height, side="right"),
+            lines=(Row(1 - 0.64 / height, 9.5, 165), *([Row(1 - 0.84 / height, 9.5, 165)] if pod else ())), caution=Badge(0.985, 1 - 0.38 / height, side="right"),
             footer=sheet.small(0.07 / height, 7, 210),
         )
     )  # fmt: skip
-    sheet.head(on, imprint, processing_text.worth(allocation))
+    sheet.head(on, imprint, *([pod] if pod else []), processing_text.worth(allocation))
     wide = WIDTH - LEFT - RIGHT
     ax = on.figure.add_axes((LEFT / WIDTH, under / height, wide / WIDTH, top / height))
     edges = notation.epochs(names.edges).astype(float)
@@ -62,7 +62,7 @@ def draw(allocation: Allocation, hearing: Hearing, names: Names, path: Path, imp
     _heard(below, allocation, edges)
     _times(below, edges)
     ax.set_xticks(below.get_xticks(), labels=[])
-    _legend(on.figure, 1 - 0.72 / height, hearing.beams - len(rows))
+    _legend(on.figure, 1 - (over - 0.43) / height, hearing.beams - len(rows))
     sheet.end(on, path, imprint)
 
 
