@@ -15,7 +15,9 @@ from kernels.stations import BESIDE, Sonar, Swarm, Tables
 
 NARROW = 0.06  # longest part of a stretch of way, as a share of its least range: 3.4 degrees of bearing
 CLOSE = 100.0  # [m] parts are not made shorter than this
-NEVER = -6.0  # standard deviations of the fluctuation below which nothing is heard: once in 10^9 draws
+NEVER = (
+    -5.3
+)  # standard deviations of the fluctuation below which nothing is heard, as in kernels.jumps: once in 10^7 draws
 
 f32x2 = ti.types.vector(2, ti.f32)
 HostReals = ti.types.ndarray(dtype=ti.f32, ndim=1)
@@ -48,7 +50,7 @@ def _without_gain(
 
 @ti.kernel
 def _missed(
-    sonar: Sonar, first: ti.i32, last: ti.i32, losses: HostReals, gains: HostReals, best: HostReals, rows: HostInts,
+    sonar: Sonar, first: ti.i32, last: ti.i32, losses: HostReals, gains: HostReals, rows: HostInts,
     noise: HostReals, levels: HostReals, paces: HostReals, offset: HostReals, time: HostReals, lon: HostInts, lat: HostInts,
     there: HostBytes, scenario: HostInts, own_lon: HostInts, own_lat: HostInts, heading: HostReals, listens: HostBytes,
     which: HostInts, weight: HostReals, log: HostReals,
@@ -57,13 +59,12 @@ def _missed(
     beams = log.shape[0] // m
     reach = sonar.nearest + sonar.between * (sonar.rings - 1)
     for i in range(m):
-        # Turn -1 asks whether the best of all gains would hear it at all; the others are the beams.
-        possible = 1
+        # Turn -1 asks which beams can hear it at all, which few can; the others are the beams. A bit stands for every 64th.
+        can = ti.u64(0)
         for turn in range(beams + 1):
             beam = turn - 1
             silence = jumps.at_first()
-            most = -ti.math.inf
-            if possible == 1:
+            if beam < 0 or (can >> ti.cast(beam % 64, ti.u64)) & ti.u64(1) == ti.u64(1):
                 for t in range(first, last):
                     lasting = time[t + 1] - time[t]
                     row = 0 if beam < 0 else rows[beam * (edges - 1) + t]
@@ -100,16 +101,18 @@ def _missed(
                                 )  # fmt: skip
                                 relative = bearing - heading[t]
                                 if beam < 0:
-                                    over += listen.round_table(best, sonar.sides, 1, 0, relative)
-                                    most = ti.max(most, over)
+                                    for other in range(beams):
+                                        of = rows[other * (edges - 1) + t]
+                                        if of >= 0:
+                                            gain = listen.round_table(gains, sonar.sides, 1, of * sonar.sides, relative)
+                                            if over + gain > NEVER * sonar.spread:
+                                                can |= ti.u64(1) << ti.cast(other % 64, ti.u64)
                                 else:
                                     over += listen.round_table(gains, sonar.sides, 1, row * sonar.sides, relative)
                                     silence = jumps.heard(silence, over, sonar.spread, sonar.rate, lasting / parts)
                     else:
                         silence = jumps.settled(silence, sonar.rate, lasting)
-            if beam < 0:
-                possible = 1 if most > NEVER * sonar.spread else 0
-            else:
+            if beam >= 0:
                 log[beam * m + i] = silence.log
 
 
@@ -148,7 +151,7 @@ def missed(
         rate=tables.rate, part=part,
     )  # fmt: skip
     _missed(
-        sonar, *bins, *_flat(np.float32, tables.losses, beams.gains, beams.gains.max(axis=0)),
+        sonar, *bins, *_flat(np.float32, tables.losses, beams.gains),
         *_flat(np.int32, beams.rows), *_flat(np.float32, tables.noise, tables.levels, tables.paces, offset, swarm.time),
         *_flat(np.int32, swarm.lon, swarm.lat), *_flat(np.uint8, swarm.there), *_flat(np.int32, swarm.scenario),
         *_flat(np.int32, course.lon, course.lat), *_flat(np.float32, course.heading), *_flat(np.uint8, course.listens),

@@ -36,9 +36,8 @@ def _picture(matter: Matter, path: Path) -> None:
     from drift.arrays import map as processing_map  # here: Matplotlib takes a second to import
 
     plan = matter.plan
-    processing_map.draw(
-        plan.allocation, plan.hearing, plan.names, path, matter.setting.imprint, processing_text.pod(plan)
-    )
+    lines = processing_text.pod(plan), processing_text.begun_anew(plan)
+    processing_map.draw(plan.allocation, plan.hearing, plan.names, path, matter.setting.imprint, lines)
 
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {

@@ -31,7 +31,7 @@ from kernels import noise
 from kernels.noise import Purpose
 
 MOST = 10_000  # particles on which beams are chosen
-PAIRS = 50_000_000  # of a particle and a beam in a slot: with more, fewer particles are taken, but
+PAIRS = 30_000_000  # of a particle and a beam in a slot: with more, fewer particles are taken, but
 FEWEST = 1000
 
 

@@ -25,10 +25,10 @@ def text(
 ) -> str:
     """Return the table: what it is worth, and slot by slot what each processor works on.
 
-    notes: the first stands above all that it is worth, the others at the end.
+    notes: the first two stand above all that it is worth, the others at the end.
     """
     lines = ["PROCESSING", *_fill(title), f"Run {run}. Times are UTC.", "", "1  WORTH"]
-    lines += [*(line for note in notes[:1] for line in _fill(note, 3)), *_fill(worth(allocation), 3)]
+    lines += [*(line for note in notes[:2] for line in _fill(note, 3)), *_fill(worth(allocation), 3)]
     for other in sorted(allocation.alternatives, key=lambda other: -other.value):
         share = share_of(other.value, allocation)
         lines += _fill(f"{other.name}: {share:.3f}, {_less(allocation, other.value)}", 3, 6)
@@ -49,8 +49,8 @@ def text(
         "3  NOT PROCESSED",
         *_fill(f"What would add most on top of all this: {_left(allocation, hearing, names)}.", 3),
     ]
-    if notes[1:]:
-        lines += ["", "4  NOTES", *(line for note in notes[1:] for line in _fill(note, 3))]
+    if notes[2:]:
+        lines += ["", "4  NOTES", *(line for note in notes[2:] for line in _fill(note, 3))]
     return "\n".join(lines) + "\n"
 
 
@@ -110,15 +110,21 @@ def pod(plan: Any) -> str:
     )
 
 
+def begun_anew(plan: Any) -> str:
+    """Return in a line what a plan is worth if every slot is begun anew, and the bound of that."""
+    return f"Each slot begun anew, h{worth(plan.allocation)[1:]}"
+
+
 def notes(plan: Any) -> list[str]:
     """Return what must be known to read a plan, its POD first."""
     return [
         f"{pod(plan)}.",
-        f"Gains, what is heard by a slot's end, the bound and the alternatives are of the {plan.made_on:,} tracks on which beams were chosen; each "
-        "beam is taken to begin every slot anew and to miss independently of all others. So they are too high where "
-        "levels fluctuate more slowly than slots follow one another; POD is not.",
-        "POD: that the target is heard at least once, on tracks drawn for planning, given all that the case knows. It is not "
-        "of the particles of the forecast beside it.",
+        f"What follows is of the {plan.made_on:,} of these tracks on which beams were chosen, each slot begun anew.",
+        "Each slot begun anew: as if nobody had listened before. So gains, what is heard by a slot's end, the bound and the "
+        "alternatives are too high where levels fluctuate more slowly than slots follow one another; POD is not. Beams of an array "
+        "share its fluctuation, and of those processed in a slot the best counts; arrays miss apart.",
+        "POD: that the target is heard at least once, on tracks drawn for planning, given all that the case knows. Beams were chosen on "
+        "these, or some of them; it is not of the particles of the forecast beside it.",
         "Beams: R is relative to the array's heading, T true. A line cannot tell port from starboard: its beam hears both "
         "sides.",
         "An unknown that a group of sensors shares is drawn once for each track.",
@@ -139,7 +145,7 @@ def plan_numbers(plan: Any) -> dict[str, Any]:
 def facts(plan: Any) -> dict[str, str]:
     """Return a plan in a few lines for a terminal."""
     allocation, hearing, names = plan.allocation, plan.hearing, plan.names
-    told = {"plan": pod(plan), "chosen": worth(allocation)}
+    told = {"plan": pod(plan), "chosen": begun_anew(plan)}
     for slot, row in enumerate(allocation.processing[:SHOWN].tolist()):
         words = [f"{names.processors[k]} {called(beam, hearing, names)}" for k, beam in enumerate(row) if beam >= 0]
         told[names.begins(slot)] = "; ".join(words) or "no beam"
