@@ -17,6 +17,7 @@ drift.fit_errors(case, "drifters.csv")  # the errors of a case that suit drifter
 drift.fetch("my.toml", out="forcing")  # winds and currents for a case from providers; see drift fetch --list
 drift.check(case)                   # how a case was understood, nothing run
 plan, result = drift.plan(case)     # the next search by the case's units; of a spill: drift.patrol; of towed arrays: drift.place
+plan, result = drift.allocate(case) # which beams of arrays to process when, where processors are few
 drift.sensor_reach(case, "array", out="reach")  # where a sensor of the case would hear or see a target
 drift.serve("cases")                # edit, run and read cases in the browser
 drift.origin(case)                  # of a spill: where it may have come from, backward from its finds
@@ -30,6 +31,7 @@ from geo.errors import UserError
 # not wait for Taichi; their types stand in __init__.pyi.
 _HOMES = {
     "arrays.planner": ["place"],
+    "arrays.processing_plan": ["allocate"],
     "case.file": ["load", "vary"],
     "case.record": ["Case"],
     "cli.progress": ["progress"],

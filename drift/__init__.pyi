@@ -1,6 +1,7 @@
 """Types of the public names: what __init__.py finds at their first use."""
 
 from drift.arrays.planner import place as place
+from drift.arrays.processing_plan import allocate as allocate
 from drift.case.file import load as load
 from drift.case.file import vary as vary
 from drift.case.record import Case as Case

@@ -11,6 +11,7 @@ from pydantic import BaseModel
 
 from drift import flow
 from drift.arrays import chapter as arrays_chapter
+from drift.arrays import processing_chapter
 from drift.backtrack import chapter as backtrack_chapter
 from drift.case import scenario
 from drift.case.barrier import BarrierTable, LineTable
@@ -19,6 +20,7 @@ from drift.case.look import LookTable
 from drift.case.pattern import NEEDS, PatternTable, RegionTable
 from drift.case.plan import PlanTable, ResamplingTable, UnitTable
 from drift.case.presence import PresenceTable
+from drift.case.processing import ProcessingTable
 from drift.case.sensor import ConditionsTable, SensorTable
 from drift.case.sortie import MarkerTable, SortieTable, WatchTable
 from drift.case.tow import TowTable
@@ -64,6 +66,7 @@ HEADINGS: dict[str, type[BaseModel]] = {  # sections of search_keys.md, "chapter
     "[[unit]]": UnitTable,
     "[[tow]]": TowTable,
     "[plan]": PlanTable,
+    "[plan] / [plan.processing]": ProcessingTable,
     "[resampling]": ResamplingTable,
 }
 CHECKED: dict[str, type[BaseModel]] = {
@@ -79,7 +82,7 @@ WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapt
         *search_chapter.LINE_FILES, *search_chapter.LINE_PICTURES,
         *posterior_chapter.FILES, *posterior_chapter.PICTURES, *posterior_chapter.RANKED, *posterior_chapter.MANY, *by_member.FILES,
     },
-    "docs/searches.md": {*planner_chapter.FILES, *planner_chapter.PICTURES, *arrays_chapter.FILES, *arrays_chapter.PICTURES},
+    "docs/searches.md": {*planner_chapter.FILES, *planner_chapter.PICTURES, *arrays_chapter.FILES, *arrays_chapter.PICTURES, *processing_chapter.FILES, *processing_chapter.PICTURES},
     "docs/spill.md": {
         *spill_chapter.FILES, *spill_chapter.FIND_FILES, *spill_chapter.PICTURES,
         *patrols_chapter.FILES, *patrols_chapter.LEFT_OUT_FILES, *patrols_chapter.PICTURES,

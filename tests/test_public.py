@@ -13,7 +13,7 @@ from places import ROOT
 import drift
 
 NAMES = {
-    "Brief", "Case", "Result", "UserError", "__version__", "check", "compare", "export", "fetch", "fit_errors", "load", "origin", "patrol", "place", "plan", "progress",
+    "Brief", "Case", "Result", "UserError", "__version__", "allocate", "check", "compare", "export", "fetch", "fit_errors", "load", "origin", "patrol", "place", "plan", "progress",
     "results", "run", "run_many", "sensor_reach", "serve", "trace", "vary", "verify",
 }  # fmt: skip
 

@@ -11,6 +11,8 @@ from typing import Any
 import xarray as xr
 
 from drift import flow
+from drift.arrays import chapter as arrays
+from drift.arrays import processing_chapter as processing
 from drift.backtrack import chapter as backtrack
 from drift.contrast import chapter as contrast
 from drift.drifters import chapter as drifters
@@ -40,6 +42,10 @@ CHAPTERS: dict[str, tuple[str, Iterable[str]]] = {  # when they are written, and
          *posterior.FILES, *posterior.PICTURES, *posterior.RANKED, *posterior.MANY, *suspend.FILES, *suspend.PICTURES),
     ),
     "Plans of a search": ("`drift plan`.", (*planner.FILES, *planner.PICTURES, "plan-A-1.png")),
+    "Plans of arrays": (
+        "`drift plan` of a case with `[[tow]]` or `[plan.processing]`.",
+        (*arrays.FILES, *arrays.PICTURES, *processing.FILES, *processing.PICTURES),
+    ),
     "Spills": ("Where a case has a `[spill]`.", (*spill.FILES, *spill.FIND_FILES, *spill.PICTURES)),
     "Plans of patrols": ("`drift plan` of a spill.", (*patrols.FILES, *patrols.LEFT_OUT_FILES, *patrols.PICTURES)),
     "Origins": ("`drift origin`.", (*backtrack.FILES, *backtrack.PICTURES)),
@@ -51,6 +57,7 @@ WHERE = {  # the run whose file is looked at
     "sorties.csv": "overdue_boat", "posteriors.csv": "overdue_boat", "scenarios.csv": "overdue_boat", "lines.csv": "small-run", "members.csv": "small-run",
     "washup.nc": "gulf_containers", "washup.csv": "gulf_containers", "washup_times.csv": "gulf_containers",
     "totals.csv": "gulf_containers", "finds.csv": "gulf_containers", "unknowns.csv": "gulf_containers",
+    "processing.csv": "small-arrays",
     "origin.nc": "small-origin", "origin.csv": "small-origin",
     "patrols.csv": "small-patrols", "patrols_left_out.csv": "small-patrols", "compare.nc": "small-compare", "compare.csv": "small-compare", "verify.nc": "small-verify", "verify.csv": "small-verify",
 }  # fmt: skip

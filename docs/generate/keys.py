@@ -123,6 +123,8 @@ TAKEN = {
     "sonar._zone": "`[inner range, outer range, gain]`",
     "sonar._frequency": 'frequency, `"50 Hz"`',
     "sonar._sound_speed": 'speed of sound, `"1500 m/s"`',
+    "processing._processors": "whole number, or tables",
+    "processing._sensors": "a list of names, and of tables",
     "route._listed": "names of nodes, or `{ from, via, to }`",
 }
 ANGLES = (

@@ -1,4 +1,4 @@
-"""Runs of the shipped cases, and of two small ones, that the gallery shows and from which the reference of files is made.
+"""Runs of the shipped cases, and of three small ones, that the gallery shows and from which the reference of files is made.
 
 Each is the command that its page shows, in a process of its own. A run is kept between builds until its case, or drift, changes; where the
 environment variable DRIFT_DOCS_KEEP is set, for good: for those who write pages.
@@ -17,7 +17,7 @@ from pathlib import Path
 from drift.case import file as case_file
 
 ROOT = Path(__file__).parents[2]
-SMALL = (Path(__file__).with_name("small.toml"), Path(__file__).with_name("small_spill.toml"))
+SMALL = tuple(Path(__file__).with_name(f"{name}.toml") for name in ("small", "small_spill", "small_arrays"))
 DRIFTERS = "drifters.csv"  # made up: two that go straight on
 RESULTS = "results"  # apart from the cases, lest a folder bear the name of one
 AT_ONCE = 2  # processes
@@ -58,12 +58,13 @@ def shown() -> list[str]:
 
 def every() -> list[Run]:
     """Return all runs, the longest first."""
-    small, spill = (path.name for path in SMALL)
+    small, spill, arrays = (path.name for path in SMALL)
     return [
         _of("overdue_boat", "plan"),
         *(_of(case) for case in shown()),
         Run("small-origin", ("origin", spill)),
         Run("small-patrols", ("plan", spill)),
+        Run("small-arrays", ("plan", arrays)),
         Run("small-run", ("run", small)),
         Run("small-compare", ("compare", small, "--set-b", "wind.0.constant.speed=25 kn")),
         Run(

@@ -24,7 +24,11 @@ class Missed:
         """Take the beams chosen of each slot."""
         self.hearing = hearing
         self.rest = hearing.weight.copy()  # weight times the chance that those miss it which do not hear it for sure
-        self.sure = np.zeros(len(hearing.weight), np.int32)  # how many hear it for sure
+        self.sure = np.zeros(len(hearing.weight), np.int32)  # how many levels of slots are heard for sure
+        self.alone = len(np.unique(hearing.shared)) == len(hearing.shared)  # whether no two beams share a level
+        # Of each slot and shared level, the beams that are processed, and the best chance of each particle.
+        self.used: dict[tuple[int, int], list[int]] = {}
+        self.best: dict[tuple[int, int], Real] = {}
         for slot, beams in enumerate(chosen):
             for beam in beams:
                 self.add(slot, beam)
@@ -32,14 +36,37 @@ class Missed:
     def add(self, slot: int, beam: int) -> None:
         """Process a beam."""
         at, chance = row(self.hearing, slot, beam)
-        self.rest[at] *= np.where(chance < 1, 1 - chance, 1)
-        self.sure[at] += chance == 1
+        if self.alone:
+            self._change(at, 0.0, chance)
+            return
+        level = slot, int(self.hearing.shared[beam])
+        self.used.setdefault(level, []).append(beam)
+        best = self.best.setdefault(level, np.zeros(len(self.rest)))
+        before = best[at]
+        best[at] = np.maximum(before, chance)
+        self._change(at, before, best[at])
 
     def drop(self, slot: int, beam: int) -> None:
         """Process a beam no more."""
         at, chance = row(self.hearing, slot, beam)
-        self.rest[at] /= np.where(chance < 1, 1 - chance, 1)
-        self.sure[at] -= chance == 1
+        if self.alone:
+            self._change(at, chance, 0.0)
+            return
+        level = slot, int(self.hearing.shared[beam])
+        self.used[level].remove(beam)
+        before, best = self.best[level][at], np.zeros(len(self.rest))
+        for other in self.used[level]:
+            there, chances = row(self.hearing, slot, other)
+            best[there] = np.maximum(best[there], chances)
+        self.best[level] = best
+        self._change(at, before, best[at])
+
+    def _change(self, at: Array, before: Real | float, after: Real | float) -> None:
+        """Have particles be heard with other chances by one level of a slot."""
+        self.rest[at] *= np.where(np.less(after, 1), np.subtract(1, after), 1) / np.where(
+            np.less(before, 1), np.subtract(1, before), 1
+        )
+        self.sure[at] += np.equal(after, 1).astype(np.int32) - np.equal(before, 1)
 
     @property
     def weight(self) -> Real:
@@ -49,11 +76,20 @@ class Missed:
     def gain(self, slot: int, beam: int) -> float:
         """Return the weight that a beam adds."""
         at, chance = row(self.hearing, slot, beam)
-        return float(np.dot(np.where(self.sure[at] == 0, self.rest[at], 0.0), chance))
+        left = np.where(self.sure[at] == 0, self.rest[at], 0.0)
+        level = slot, int(self.hearing.shared[beam])
+        if not self.used.get(level):
+            return float(np.dot(left, chance))
+        best = self.best[level][at]
+        return float(np.dot(left, np.maximum(chance - best, 0) / np.where(best < 1, 1 - best, 1)))
 
     def gains(self, slot: int) -> Real:
         """Return the weight that each beam of a slot adds, (beams,)."""
-        return np.asarray(self.hearing.chance[slot] @ self.weight, float)
+        found = np.asarray(self.hearing.chance[slot] @ self.weight, float)
+        levels = [level for (at, level), beams in self.used.items() if at == slot and beams]
+        for beam in np.flatnonzero(np.isin(self.hearing.shared, levels)).tolist() if levels else ():
+            found[beam] = self.gain(slot, beam)
+        return found
 
 
 def row(hearing: Hearing, slot: int, beam: int) -> tuple[Array, Real]:

@@ -38,20 +38,26 @@ GROUND = ListedColormap(colormaps["YlOrBr"](np.linspace(0.0, 0.42, 128)))  # of 
 LINE: dict[str, Any] = {"color": INK, "linewidth": 1.4}
 
 
-def draw(allocation: Allocation, hearing: Hearing, names: Names, path: Path, imprint: Imprint) -> None:
-    """Draw which beams are processed when, and how much is heard by then."""
+def draw(
+    allocation: Allocation, hearing: Hearing, names: Names, path: Path, imprint: Imprint, lines: Sequence[str] = ()
+) -> None:
+    """Draw which beams are processed when, and how much is heard by then.
+
+    lines: under the title, of a plan, whose chances are of slots begun anew; without them what the allocation is worth.
+    """
+    told = lines or [processing_text.worth(allocation)]
     rows = shown(allocation, hearing)
     y, top = _heights(hearing, rows)
-    over, under = 1.15, 0.75 + CURVE + 0.45
+    over, under = 0.95 + 0.2 * len(told), 0.75 + CURVE + 0.45
     height = over + top + under
     on = sheet.begin(
         Sheet(
             WIDTH, height, 120, left=0.02, title=sheet.heading(1 - 0.38 / height, 14, 95), beside=75,
-            lines=(Row(1 - 0.64 / height, 9.5, 165),), caution=Badge(0.985, 1 - 0.38 / height, side="right"),
-            footer=sheet.small(0.07 / height, 7, 210),
+            lines=tuple(Row(1 - (0.64 + 0.2 * k) / height, 9.5, 165) for k in range(len(told))),
+            caution=Badge(0.985, 1 - 0.38 / height, side="right"), footer=sheet.small(0.07 / height, 7, 210),
         )
     )  # fmt: skip
-    sheet.head(on, imprint, processing_text.worth(allocation))
+    sheet.head(on, imprint, *told)
     wide = WIDTH - LEFT - RIGHT
     ax = on.figure.add_axes((LEFT / WIDTH, under / height, wide / WIDTH, top / height))
     edges = notation.epochs(names.edges).astype(float)
@@ -59,10 +65,14 @@ def draw(allocation: Allocation, hearing: Hearing, names: Names, path: Path, imp
     ax.set_xlim(edges[0], edges[-1])
     ax.set_ylim(0, top)
     below = on.figure.add_axes((LEFT / WIDTH, 0.75 / height, wide / WIDTH, CURVE / height))
-    _heard(below, allocation, edges)
+    _heard(below, allocation, edges, "heard by then, each slot begun anew" if lines else "heard by then")
     _times(below, edges)
     ax.set_xticks(below.get_xticks(), labels=[])
-    _legend(on.figure, 1 - 0.72 / height, hearing.beams - len(rows))
+    _legend(on.figure, 1 - (over - 0.43) / height)
+    below_beams = "Beams look R relative to their array, T true. " if lines else ""
+    if hearing.beams > len(rows):
+        below_beams += f"{hearing.beams - len(rows)} beams are not shown: never processed, or the least of them."
+    ax.text(1, -0.08 / top, below_beams.strip(), fontsize=7.5, color=GREY, ha="right", va="top", transform=ax.transAxes)
     sheet.end(on, path, imprint)
 
 
@@ -131,7 +141,7 @@ def _percent(share: float) -> str:
     return f"{share:.0f}" if share >= 99.95 else f"{share:.1f}" if share >= 9.95 else f"{share:.2f}"
 
 
-def _heard(ax: Axes, allocation: Allocation, edges: Array) -> None:
+def _heard(ax: Axes, allocation: Allocation, edges: Array, words: str) -> None:
     """Draw what is heard by the end of each slot, and the bound."""
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
@@ -151,7 +161,7 @@ def _heard(ax: Axes, allocation: Allocation, edges: Array) -> None:
     ax.set_yticks(ticks, labels=[f"{100 * tick:.3g} %" for tick in ticks])
     ax.tick_params(labelsize=7.5, labelcolor=INK)
     ax.grid(axis="y", color="#d9dfe4", linewidth=0.6)
-    ax.text(0.01, 0.94, "heard by then", fontsize=8, color=INK, ha="left", va="top", transform=ax.transAxes)
+    ax.text(0.01, 0.94, words, fontsize=8, color=INK, ha="left", va="top", transform=ax.transAxes)
 
 
 def _times(ax: Axes, edges: Array) -> None:
@@ -160,7 +170,7 @@ def _times(ax: Axes, edges: Array) -> None:
     ax.set_xticks(ticks, labels=[f"{notation.group(np.datetime64(round(tick), 's'))[:6]}Z" for tick in ticks])
 
 
-def _legend(figure: Figure, y: float, hidden: int) -> None:
+def _legend(figure: Figure, y: float) -> None:
     """Write what the colours mean."""
     rows = [
         (Patch(facecolor=FILL), "processed; the number: what would be lost without it, % of all"),
@@ -168,8 +178,6 @@ def _legend(figure: Figure, y: float, hidden: int) -> None:
         (Line2D([], [], **LINE), "heard by the end of each slot"),
         (Line2D([], [], marker="v", markersize=5, color=GREY, linestyle="none"), "bound on every choice"),
     ]
-    if hidden:
-        rows.append((Line2D([], [], linestyle="none"), f"{hidden} beams are not shown"))
     sheet.legend(
         figure, rows, loc="upper left", bbox_to_anchor=(0.015, y), ncols=len(rows), fontsize=8, borderaxespad=0,
         handlelength=1.6, columnspacing=1.8,

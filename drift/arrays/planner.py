@@ -70,19 +70,33 @@ def place(
             "end; give begin and until in [plan], or run for longer"
         )
     job = opened(case, Options(out, datasets, threads, backend, overwrite, report, memory, shards, client))
+    plan, executed, result = towed(job)
+    if job.out is not None:
+        flow.write(result, job, more=[chapter.chapter(matter(job, plan, executed, result))], planned=ahead(plan))
+        shelf.clear(job.out)
+    return plan, result
+
+
+def towed(job: Job) -> tuple[ArrayPlan, Case, Result]:
+    """Return a plan, the case in which it has been carried out and heard nothing, and the forecast of that."""
+    case = job.case
     chosen, bound = _placed(job)
     sorties = tuple(_sortie(case, placed) for placed in chosen.placed)
     executed = _with(case, sorties)
     result = flow.forecasted(replace(job, case=executed))
-    plan = _worth(case, chosen, bound, sorties, result)
-    if job.out is not None:
-        setting = facts.with_coast(facts.setting(executed, job.where))
-        taken = [sortie.name for sortie in case.sorties]
-        matter = chapter.Matter(plan, result.forecast, result.updates, setting, taken)
-        ahead = Planned(frozenset(sortie.name for sortie in sorties), max(sortie.end for sortie in sorties))
-        flow.write(result, job, more=[chapter.chapter(matter)], planned=ahead)
-        shelf.clear(job.out)
-    return plan, result
+    return _worth(case, chosen, bound, sorties, result), executed, result
+
+
+def matter(job: Job, plan: ArrayPlan, executed: Case, result: Result) -> chapter.Matter:
+    """Return what the files and the picture of a plan are made from."""
+    setting = facts.with_coast(facts.setting(executed, job.where))
+    taken = [sortie.name for sortie in job.case.sorties]
+    return chapter.Matter(plan, result.forecast, result.updates, setting, taken)
+
+
+def ahead(plan: ArrayPlan) -> Planned:
+    """Return the watches of a plan, which are still to be kept."""
+    return Planned(frozenset(sortie.name for sortie in plan.sorties), max(sortie.end for sortie in plan.sorties))
 
 
 def _placed(job: Job) -> tuple[Placement, Bound]:

@@ -115,7 +115,7 @@ def fixed(hearing: Hearing) -> Chosen:
     misses.data = -np.expm1(-misses.data)
     together = Hearing(
         (misses.tocsr(),), hearing.weight, hearing.array, hearing.serves, np.all(hearing.manned, axis=0, keepdims=True),
-        hearing.cost.sum(axis=0, keepdims=True),
+        hearing.cost.sum(axis=0, keepdims=True), hearing.shared,
     )  # fmt: skip
     return choosing.exchanged(together, choosing.greedy(together)) * hearing.slots
 

@@ -5,6 +5,7 @@ Plain ASCII of at most 78 columns but for names, as plans are: it goes by mail, 
 
 import math
 import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,19 @@ from geo import notation
 
 WIDE = 78
 HEADER = ("date_time_group", "time", "end", "processor", "array", "beam", "gain", "heard", "run_id")
+SHOWN = 8  # slots that a terminal is told
 BEST_LEFT = 3  # beams that are not processed, of which it is told what they would add
 
 
-def text(allocation: Allocation, hearing: Hearing, names: Names, title: str, run: str) -> str:
-    """Return the table: what it is worth, and slot by slot what each processor works on."""
+def text(
+    allocation: Allocation, hearing: Hearing, names: Names, title: str, run: str, notes: Sequence[str] = ()
+) -> str:
+    """Return the table: what it is worth, and slot by slot what each processor works on.
+
+    notes: the first two stand above all that it is worth, the others at the end.
+    """
     lines = ["PROCESSING", *_fill(title), f"Run {run}. Times are UTC.", "", "1  WORTH"]
-    lines += _fill(worth(allocation), 3)
+    lines += [*(line for note in notes[:2] for line in _fill(note, 3)), *_fill(worth(allocation), 3)]
     for other in sorted(allocation.alternatives, key=lambda other: -other.value):
         share = share_of(other.value, allocation)
         lines += _fill(f"{other.name}: {share:.3f}, {_less(allocation, other.value)}", 3, 6)
@@ -42,6 +49,8 @@ def text(allocation: Allocation, hearing: Hearing, names: Names, title: str, run
         "3  NOT PROCESSED",
         *_fill(f"What would add most on top of all this: {_left(allocation, hearing, names)}.", 3),
     ]
+    if notes[2:]:
+        lines += ["", "4  NOTES", *(line for note in notes[2:] for line in _fill(note, 3))]
     return "\n".join(lines) + "\n"
 
 
@@ -91,6 +100,60 @@ def numbers(allocation: Allocation, hearing: Hearing, names: Names) -> dict[str,
             for slot, row in enumerate(allocation.processing.tolist())
         ],
     }
+
+
+def pod(plan: Any) -> str:
+    """Return in a line what a plan is worth as a run would reckon it; plan: a drift.arrays.processing_plan.ProcessingPlan."""
+    return (
+        f"POD {plan.pod:.1%} +- {plan.standard_error:.1%} on the {plan.particles:,} tracks of the plan, fluctuations carried from "
+        "slot to slot"
+    )
+
+
+def begun_anew(plan: Any) -> str:
+    """Return in a line what a plan is worth if every slot is begun anew, and the bound of that."""
+    return f"Each slot begun anew, h{worth(plan.allocation)[1:]}"
+
+
+def notes(plan: Any) -> list[str]:
+    """Return what must be known to read a plan, its POD first."""
+    return [
+        f"{pod(plan)}.",
+        f"What follows is of the {plan.made_on:,} of these tracks on which beams were chosen, each slot begun anew.",
+        "Each slot begun anew: as if nobody had listened before. So gains, what is heard by a slot's end, the bound and the "
+        "alternatives are too high where levels fluctuate more slowly than slots follow one another; POD is not. Beams of an array "
+        "share its fluctuation, and of those processed in a slot the best counts; arrays miss apart.",
+        "POD: that the target is heard at least once, on tracks drawn for planning, given all that the case knows. Beams were chosen on "
+        "these, or some of them; it is not of the particles of the forecast beside it.",
+        "Beams: R is relative to the array's heading, T true. A line cannot tell port from starboard: its beam hears both "
+        "sides.",
+        "An unknown that a group of sensors shares is drawn once for each track.",
+    ]
+
+
+def plan_numbers(plan: Any) -> dict[str, Any]:
+    """Return a plan for programs."""
+    return {
+        "pod": plan.pod,
+        "pod_standard_error": plan.standard_error,
+        "pod_particles": plan.particles,
+        "made_on_particles": plan.made_on,
+        **numbers(plan.allocation, plan.hearing, plan.names),
+    }
+
+
+def facts(plan: Any) -> dict[str, str]:
+    """Return a plan in a few lines for a terminal."""
+    allocation, hearing, names = plan.allocation, plan.hearing, plan.names
+    told = {"plan": pod(plan), "chosen": begun_anew(plan)}
+    for slot, row in enumerate(allocation.processing[:SHOWN].tolist()):
+        words = [f"{names.processors[k]} {called(beam, hearing, names)}" for k, beam in enumerate(row) if beam >= 0]
+        told[names.begins(slot)] = "; ".join(words) or "no beam"
+    if hearing.slots > SHOWN:
+        told["later"] = f"{hearing.slots - SHOWN} more slots"
+    for other in sorted(allocation.alternatives, key=lambda other: -other.value):
+        told[f"else, {other.name}"] = f"{share_of(other.value, allocation):.3f}, {_less(allocation, other.value)}"
+    return told
 
 
 def called(beam: int, hearing: Hearing, names: Names) -> str:

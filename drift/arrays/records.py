@@ -24,8 +24,9 @@ Chosen = tuple[tuple[int, ...], ...]  # of each slot the beams that are processe
 class Hearing:
     """What each beam would hear if it were processed, and what can process it; `hearing` makes and checks one.
 
-    A particle that several beams hear, in one slot or in several, is missed by each of them independently. What they
-    fail in together (a level that fluctuates slowly) belongs into the chances of longer slots.
+    A particle that several beams hear, in one slot or in several, is missed by each of them independently; but of beams that
+    share a level in a slot (those of one array, on which a target is as loud in each) only the best counts. What slots
+    fail in together (a level that fluctuates slowly) belongs into the chances of longer ones.
     """
 
     chance: tuple[Any, ...]  # of each slot, CSR float32 (beams, particles): that a particle is heard
@@ -34,6 +35,7 @@ class Hearing:
     serves: NDArray[np.bool_]  # (processors, arrays): whether it can process beams of that array
     manned: NDArray[np.bool_]  # (slots, processors): whether it works in that slot
     cost: Real  # (slots, beams), in units of weight: what the beam must add to be worth a processor
+    shared: NDArray[np.intp]  # (beams,): beams of one number share a level in a slot
 
     @property
     def slots(self) -> int:
@@ -117,12 +119,14 @@ def hearing(
     *,
     manned: Array | None = None,
     cost: Array | None = None,
+    shared: Sequence[int] | Array | None = None,
 ) -> Hearing:
     """Return what is heard, checked; raise UserError for all that is wrong with it.
 
     chance: of each slot, (particles, beams), dense or sparse. weight: (particles,). array: (beams,) numbers from 0.
     processors: how many, each for any array; or (processors, arrays) whether a processor can serve an array. manned:
-    (slots, processors); None: all work in every slot. cost: (slots, beams); None: nothing.
+    (slots, processors); None: all work in every slot. cost: (slots, beams); None: nothing. shared: (beams,) numbers of
+    levels that beams share; None: each has its own.
     """
     arrays = np.asarray(array, np.intp)
     if arrays.ndim != 1 or len(arrays) == 0 or len(chance) == 0:
@@ -142,6 +146,9 @@ def hearing(
     slots = len(chance)
     works = np.ones((slots, len(serves)), bool) if manned is None else np.asarray(manned, bool)
     prices = np.zeros((slots, len(arrays))) if cost is None else np.asarray(cost, float)
+    levels = np.arange(len(arrays)) if shared is None else np.asarray(shared, np.intp)
+    if levels.shape != arrays.shape:
+        raise UserError(f"processing.shared: shape {levels.shape}, not (beams,) = ({len(arrays)},)")
     wrong = [*_shapes(slots, arrays, serves, works, prices), *_weights(np.asarray(weight, float))]
     made = []
     for k, table in enumerate(chance):
@@ -163,7 +170,7 @@ def hearing(
         made.append(beams)
     if wrong:
         raise UserError(*wrong)
-    heard = Hearing(tuple(made), np.asarray(weight, float), arrays, serves, works, prices)
+    heard = Hearing(tuple(made), np.asarray(weight, float), arrays, serves, works, prices, levels)
     _surplus(heard)
     return heard
 

@@ -4,7 +4,7 @@ Let x be 1 for beams that are processed, else 0, p a particle's chances and h = 
 
     sum w (1 - exp(-sum x h)) = sum w (1 - prod (1 - x p)) <= sum w sum x p
 
-for every choice, and both sides are concave in x. So for any shares l in [0, 1], one a particle, and any x' in between
+for every choice (no more where beams share a level, of which the best alone counts), and both sides are concave in x. So for any shares l in [0, 1], one a particle, and any x' in between
 
     sum w [l x p + (1 - l) (1 - exp(-x' h) (1 - (x - x') h))] - cost x
 

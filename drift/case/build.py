@@ -28,7 +28,7 @@ from drift.environment.forcing_spec import Forcing, ForcingSpec
 from drift.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
 from drift.motion.scenario import Scenario
 from drift.search.records import Contact, PlanSpec, Sensors, Sortie, Unit
-from drift.sensors.records import Sensor, Tow
+from drift.sensors.records import Processing, Sensor, Tow
 from drift.spill.records import Spill
 from geo import notation
 from geo.errors import UserError
@@ -49,6 +49,7 @@ class _Search(NamedTuple):
     units: tuple[Unit, ...] = ()
     plan: PlanSpec | None = None
     tows: tuple[Tow, ...] = ()
+    processing: Processing | None = None
     named: Mapping[str, Sensor] = MappingProxyType({})  # sensors that these refer to by name
 
 
@@ -104,6 +105,7 @@ def build(table: CaseTable, path: Path, text: str) -> Case:
         resampling=table.resampling.resampling(),
         expect=table.expect,
         tows=search.tows,
+        processing=search.processing,
         depth=depth,
         opens=opens,
     )
@@ -227,7 +229,16 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
             "[[unit]] and [[tow]]: a plan is of units that search, or of ships that tow arrays; plan one, append its sorties to the "
             "case, and plan the other"
         )
-    return _Search(sorties, contacts, sensors, fleet, plan, tows, run.sensors)
+    processing: Processing | None = None
+    if table.plan.processing is not None and plan is not None and len(tows) == len(table.tow):
+        with wrong.gathered():
+            processing = table.plan.processing.processing(run, plan, tows)
+        if fleet:
+            wrong.lines.append(
+                "[[unit]] and [plan.processing]: a plan is of units that search, or of what is processed of what arrays hear; plan "
+                "one, append its sorties to the case, and plan the other"
+            )
+    return _Search(sorties, contacts, sensors, fleet, plan, tows, processing, run.sensors)
 
 
 def _sensors(table: CaseTable, run: Run, wrong: Mistakes) -> Sensors:

@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from drift.case import fields, units
 from drift.case.context import Run, build_each
 from drift.case.mistakes import Mistakes
+from drift.case.processing import ProcessingTable
 from drift.case.sensor import VISUAL, Kind, SensorTable
 from drift.search.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit
 from geo import notation
@@ -99,6 +100,7 @@ class PlanTable(fields.Table):
     rounds: Annotated[fields.Count, Field(ge=1, le=MOST_ROUNDS)] = 1
     ashore: bool = False
     particles: fields.Count = 40_000
+    processing: ProcessingTable | None = None
 
     @field_validator("particles")
     @classmethod

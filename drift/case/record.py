@@ -16,7 +16,7 @@ from drift.motion.forcing_error import Errors, ForcingError
 from drift.motion.period import Period
 from drift.motion.scenario import Scenario
 from drift.search.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit
-from drift.sensors.records import Sensor, Tow
+from drift.sensors.records import Processing, Sensor, Tow
 from drift.spill.records import Spill
 from geo import notation
 from geo.box import Box
@@ -71,6 +71,7 @@ class Case:
     named_sensors: Mapping[str, Sensor] = field(default_factory=dict)  # all of [[sensor]] by name, in use or not
     about: Mapping[str, str] = field(default_factory=dict)  # attributes that every file is to carry
     tows: tuple[Tow, ...] = ()  # ships that tow arrays, which a plan may place
+    processing: Processing | None = None  # beams of arrays that a plan allocates to processors
     depth: Depth | None = None  # where boats have too little water
     inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
     counts: tuple[int, ...] | None = None  # particles of each scenario; None: by their weights

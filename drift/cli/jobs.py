@@ -47,7 +47,11 @@ def plan(given: argparse.Namespace) -> Answer:
 
         options |= take.scale(given)
         with cluster.connected(given.workers, given.cluster) as client:
-            if case.tows:
+            if case.processing:
+                from drift.arrays import processing_plan, processing_text
+
+                processed, _ = processing_plan.allocate(case, out, client=client, **options)
+            elif case.tows:
                 from drift.arrays import placement_text
                 from drift.arrays import planner as array_planner
 
@@ -56,6 +60,11 @@ def plan(given: argparse.Namespace) -> Answer:
                 patrols, result = patrol.patrol(case, out, client=client, **options)
             else:
                 search_plan, _ = planner.plan(case, out, client=client, **options)
+    if case.processing:
+        line = f"Plan of processing in {out / 'processing.txt'}, all results in {out}"
+        return Answer(
+            case.title, processing_text.facts(processed), (line,), processing_text.plan_numbers(processed), out
+        )
     if case.tows:
         line = f"Plan in {out / 'arrays.txt'}, all results in {out}"
         return Answer(case.title, placement_text.facts(arrays), (line,), placement_text.numbers(arrays), out)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geo.array import Array
-from geo.polyline import Area, LonLat
+from geo.polyline import Area, Legs, LonLat
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,3 +113,31 @@ class Tow:
     allowed: Area | None = None  # which it does not leave while it listens; None: it goes anywhere
     courses: tuple[float, float] | None = None  # [rad] that it may steer, from the first clockwise to the second
     legs: int = 2  # most legs, 1 or 2
+
+
+@dataclass(frozen=True, eq=False)
+class Listener:
+    """An array whose beams are to be processed: it stands, a plan places it, or it is towed along legs."""
+
+    name: str
+    sensor: Sensor
+    legs: Legs | None = None  # along which it is towed; None: it stands where its sensor says, or a [[tow]] is placed
+    tow: str = ""  # name of the [[tow]] that tows it, "": none
+
+
+@dataclass(frozen=True, eq=False)
+class Processing:
+    """Arrays with beams, and processors that are fewer: what a plan allocates, slot by slot."""
+
+    edges: NDArray[np.datetime64]  # of the slots (slots + 1,) UTC
+    listeners: tuple[Listener, ...]
+    processors: tuple[str, ...]  # their names
+    serves: NDArray[np.bool_]  # (processors, listeners): whether one can work on the beams of an array
+    manned: NDArray[np.bool_]  # (slots, processors): whether it works in that slot
+    cost: float = 0.0  # chance of being heard that a beam must add to be worth a processor's slot
+    today: tuple[tuple[int, ...], ...] | None = None  # of each listener its beams, from 0, that would be processed else
+
+    @property
+    def beams(self) -> tuple[int, ...]:
+        """How many beams each listener has."""
+        return tuple(len(one.sensor.sees.gain.beams) for one in self.listeners if isinstance(one.sensor.sees, Sonar))
