@@ -21,9 +21,10 @@ from geo import sphere
 from geo.array import Array
 
 BINS = 24  # most bins of time in which ways are compared
-COARSE, FINE = 4000.0, 1500.0  # [m] parts of a relative way in which excess is taken once, at first and later
+COARSE, FINE = 0.1, 0.02  # parts of a relative way in which excess is taken once, as shares of the range, at first and at last
 TRIED = 640  # ways that are tried at first
-STAGES = ((600, 12, 2), (1_500, 4, 3), (4_000, 2, 3))  # particles, ways that are kept, rounds of moving them about
+# Particles, ways that are kept, rounds of moving them about, parts.
+STAGES = ((150, 160, 0, COARSE), (600, 12, 2, COARSE), (1_500, 4, 2, 0.05), (4_000, 2, 2, FINE))
 STEPS = (0.10, 12.0, 0.15)  # first steps: of the size of where it may begin, degrees of course, of the turn's share
 TURNS = 3  # most times that all ships are placed anew
 WORTH = 1e-4  # share of the value by which placing a ship anew is worth it
@@ -60,7 +61,7 @@ def place(seas: Sequence[Sea], tracks: Tracks, seed: int, tell: Tell = lambda sh
     Raises ValueError where a ship has no way at all.
     """
     tracks = planning_tracks.coarser(tracks, BINS)
-    levels = [_sampled(tracks, count) for count, _, _ in STAGES]
+    levels = [_sampled(tracks, count) for count, *_ in STAGES]
     total = len(seas) * (1 + TURNS * (len(seas) > 1))
     chosen: list[Ways | None] = [None] * len(seas)
     pools: list[list[Ways]] = [[] for _ in seas]
@@ -117,9 +118,9 @@ def _mean(missed: Array, chances: Array) -> Array:
     return np.asarray(missed.astype(np.float64) @ chances)
 
 
-def worth(hearer: Hearer, some: Ways, weight: Array, part: float) -> Array:
-    """Return the weight that each way hears, float64 (c,); weight: (m,)."""
-    return np.asarray((1 - _mean(heard.missed(hearer, some, part), hearer.chances)) @ weight)
+def worth(hearer: Hearer, some: Ways, weight: Array, share: float) -> Array:
+    """Return the weight that each way hears, float64 (c,); weight: (m,); share: as heard.missed takes it."""
+    return np.asarray((1 - _mean(heard.missed(hearer, some, share), hearer.chances)) @ weight)
 
 
 def _tried(sea: Sea, hearer: Hearer, time: Array, seed: int, many: int = TRIED) -> Ways:
@@ -157,17 +158,13 @@ def _refined(sea: Sea, every: Sequence[Hearer], weights: Sequence[Array], begun:
     west, south, east, north = sea.begins.shape.bounds
     size = math.sqrt((east - west) * (north - south))
     scale = np.array([STEPS[0] * size, math.radians(STEPS[1]), STEPS[2]])
-    values = worth(every[0], kept, weights[0], COARSE)
-    for stage, (_, many, rounds) in enumerate(STAGES):
-        part = COARSE if stage == 0 else FINE
-        if stage > 0:
-            values = worth(every[stage], kept, weights[stage], part)
-        kept, values = _best(kept, values, many)
+    for stage, (_, many, rounds, share) in enumerate(STAGES):
+        kept, values = _best(kept, worth(every[stage], kept, weights[stage], share), many)
         for _ in range(rounds):
             moved, of = _moved(sea, kept, scale)
             good = ways.possible(sea, moved, every[stage].tracks.time)
             moved, of = moved.take(np.flatnonzero(good)), of[good]
-            found = worth(every[stage], moved, weights[stage], part) if len(moved) else np.empty(0)
+            found = worth(every[stage], moved, weights[stage], share) if len(moved) else np.empty(0)
             better = False
             for k in range(len(kept)):
                 own = np.flatnonzero(of == k)
@@ -177,7 +174,7 @@ def _refined(sea: Sea, every: Sequence[Hearer], weights: Sequence[Array], begun:
                     kept = _with(kept, k, moved, int(best))
             if not better:
                 scale = scale / 2
-        scale = scale / 2
+        scale = scale / 2 if rounds else scale
     kept, _ = _best(kept, values, POOL)
     return [kept.take(np.array([k])) for k in range(len(kept))]
 

@@ -95,7 +95,7 @@ def test_what_a_way_hears_is_what_the_search_hears():
     lon, lat = sphere.destination(*sea.middle, np.array([20 * NMI]), np.array([-9 * NMI]))
     way = Ways(lon, lat, np.array([2.1]), np.array([2.9]), np.array([0.4]))
     hearer = heard.hearer(sea, some)
-    ours = heard.missed(hearer, way, 100.0)[0]
+    ours = heard.missed(hearer, way, 0.0, 100.0)[0]
     at = [x[0] for x in ways.at(sea, way, some.time)]
     sees, rate = own.sensor.sees, 1 / 3600
     told = np.empty(ours.shape)
