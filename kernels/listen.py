@@ -1,8 +1,9 @@
 """What a passive sonar has heard of each particle: nothing, with a probability that grows smaller (kernels.jumps).
 
 Its signal excess depends on bearing and range. Particles and sonar go straight within a step; the vector from the sonar to
-a particle is exact at both ends of a stretch of way, and straight in between. Of the stretch, parts are taken in which the
-range changes by no more than half of what the table of losses resolves, with the excess at their ends and at the nearest point.
+a particle is exact at both ends of a stretch of way, and straight in between. A stretch is taken in parts, on either side of
+its nearest point, with the excess at their ends (the trapezium rule). How long they may be the tables say: by how much they go
+up and down on the way bounds what the excess can be between the ends of a part. See `hear`.
 """
 
 from typing import Any, NamedTuple
@@ -15,14 +16,19 @@ from kernels.batch import Batch
 from kernels.coast import Ints, Reals
 from kernels.jumps import STAIRS, Silence
 
-FINE = 400.0  # [m] parts of a stretch of way are not made shorter than this, however fine the table of losses
-NARROW = 0.025  # but for what comes near: they are no longer than this share of the least range
-CLOSE = 40.0  # [m] and not shorter than this
-MOST_PARTS = 256  # of a stretch, on either side of its nearest point
-STILL = 1.0  # [m] a shorter way is none
+STEEP = 2.0  # [dB] by which the excess may change within a part
+HIDDEN = 0.2  # [dB] by which it may at the most be higher within a part than at its ends
+SOFT = -1.5  # deviations of the fluctuation; what is this much weaker or more counts less: both limits grow in proportion
+FINE = 400.0  # [m] but parts need not be shorter than this, nor than half of what the table of losses resolves,
+NARROW = 0.025  # but for what comes near: they need not be shorter than this share of the least range
+CLOSE = 40.0  # [m] nor than this
+MOST_PARTS = 256  # of a stretch; and they need not be shorter than its share
+NOTHING = -1e6  # [dB] excess of what is beyond the table
+MARGIN = 100.0  # [m] by which what is out of reach is farther
 TURN = 6.283185307179586
 
 f32x2 = ti.types.vector(2, ti.f32)
+f32x3 = ti.types.vector(3, ti.f32)
 HostReals = ti.types.ndarray(dtype=ti.f32, ndim=1)
 
 # What a sonar is like on a stretch of its way: numbers, and where its tables have what.
@@ -41,18 +47,40 @@ Ear = ti.types.struct(
     paces=ti.i32,  # speeds of the table of levels
     spread=ti.f32,  # [dB] standard deviation of the fluctuation
     rate=ti.f32,  # [1/s] of its jumps; of a table of POD (kernels.glimpse) 1 / the time for which that is there
+    turns=ti.i32,  # bearings of the table of limits, evenly round from north
+    reach=ti.f32,  # [m] beyond which nothing can be heard
+    moves=ti.f32,  # [m] as far as it goes on the stretch, or farther
     cell_lon=ti.f32,  # [binary angle] from column to column of a table of POD by place, whose middle is at lon, lat
     cell_lat=ti.f32,  # from row to row
 )
 
 
 @ti.func
-def round_table(table: ti.template(), many: ti.i32, stride: ti.i32, at: ti.i32, bearing: ti.f32) -> ti.f32:
-    """Return what a table has at a bearing [rad], straight between its entries, which go round the circle."""
+def share_of_turn(way: f32x2) -> ti.f32:
+    """Return the bearing of (east, north) as a share of a turn, at least 0 and below 1; error 2e-8.
+
+    Abramowitz and Stegun 1964, Handbook of Mathematical Functions, eq. 4.4.49.
+    """
+    x, y = ti.abs(way[0]), ti.abs(way[1])
+    q = ti.min(x, y) / ti.max(ti.max(x, y), 1e-30)
+    z = q * q
+    p = -0.0161657367 + z * 0.0028662257
+    p = -0.0752896400 + z * (0.0429096138 + z * p)
+    p = -0.1420889944 + z * (0.1065626393 + z * p)
+    p = -0.3333314528 + z * (0.1999355085 + z * p)
+    turn = q * (1.0 + z * p) * ti.f32(1.0 / TURN)
+    turn = ti.select(x > y, 0.25 - turn, turn)
+    turn = ti.select(way[1] < 0.0, 0.5 - turn, turn)
+    turn = ti.select(way[0] < 0.0, 1.0 - turn, turn)
+    return ti.select(turn < 1.0, turn, 0.0)
+
+
+@ti.func
+def between(table: ti.template(), many: ti.i32, stride: ti.i32, at: ti.i32, turn: ti.f32) -> ti.f32:
+    """Return what a table has at a share of a turn, straight between its entries, which go round the circle."""
     found = table[at]
     if many > 1:
-        turned = bearing * ti.f32(1.0 / TURN)
-        place = (turned - ti.floor(turned)) * many
+        place = turn * many
         k = ti.min(ti.cast(place, ti.i32), many - 1)
         share = place - k
         after = k + 1
@@ -64,21 +92,36 @@ def round_table(table: ti.template(), many: ti.i32, stride: ti.i32, at: ti.i32, 
 
 
 @ti.func
-def excess(ear: Ear, losses: ti.template(), gains: ti.template(), way: f32x2) -> ti.f32:
-    """Return the signal excess [dB] of a source of 0 dB at (east, north) [m] from a sonar; -inf out of its range.
+def round_table(table: ti.template(), many: ti.i32, stride: ti.i32, at: ti.i32, bearing: ti.f32) -> ti.f32:
+    """Return what a table has at a bearing [rad]: see `between`."""
+    turned = bearing * ti.f32(1.0 / TURN)
+    return between(table, many, stride, at, turned - ti.floor(turned))
 
-    losses: [dB] (rays * rings,); gains: [dB] (sides,), array gain less noise and threshold by true bearing.
+
+@ti.func
+def excess(ear: Ear, losses: ti.template(), gains: ti.template(), limits: ti.template(), way: f32x2) -> f32x3:
+    """Return the signal excess [dB] of a source of 0 dB at (east, north) [m] from a sonar, and two numbers for `change`.
+
+    losses: [dB] (rays * rings,); gains: [dB] (sides,), array gain less noise and threshold by true bearing; limits: see
+    `limits`.
     """
     far = ti.sqrt(way[0] * way[0] + way[1] * way[1])
-    ring = (far - ear.nearest) / ear.between
-    found = -ti.math.inf
+    ring = ti.max((far - ear.nearest) / ear.between, 0.0)
+    k = ti.min(ti.cast(ti.min(ring, 1e9), ti.i32), ear.rings - 2)
+    share = ti.min(ring - k, 1.0)
+    turn = 0.0
+    if ear.turns > 1:
+        turn = share_of_turn(way)
+    found = f32x3(NOTHING, 0.0, 0.0)
+    found[1] = limits[k] + share * (limits[k + 1] - limits[k])
+    if ear.turns > 1:
+        place = turn * ear.turns
+        j = ti.min(ti.cast(place, ti.i32), ear.turns - 1)
+        at = 2 * ear.rings + j
+        found[2] = limits[at] + (place - j) * (limits[at + 1] - limits[at])
     if ring <= ear.rings - 1.0:
-        ring = ti.max(ring, 0.0)
-        bearing = ti.atan2(way[0], way[1])
-        k = ti.min(ti.cast(ring, ti.i32), ear.rings - 2)
-        low = round_table(losses, ear.rays, ear.rings, k, bearing)
-        high = round_table(losses, ear.rays, ear.rings, k + 1, bearing)
-        found = round_table(gains, ear.sides, 1, 0, bearing) - (low + (ring - k) * (high - low))
+        low, high = between(losses, ear.rays, ear.rings, k, turn), between(losses, ear.rays, ear.rings, k + 1, turn)
+        found[0] = ti.max(between(gains, ear.sides, 1, 0, turn) - (low + share * (high - low)), NOTHING)
     return found
 
 
@@ -98,70 +141,118 @@ def level(levels: ti.template(), paces: ti.template(), scenario: ti.i32, speed: 
 
 @ti.func
 def hear(
-    silence: Silence,
+    silence: ti.template(),
+    quiet: ti.template(),
     ear: Ear,
     losses: ti.template(),
     gains: ti.template(),
+    limits: ti.template(),
     a: f32x2,
     b: f32x2,
     lasting: ti.f32,
     source: ti.f32,
-) -> Silence:
-    """Return a silence after a stretch of way from a to b (east, north) [m] from the sonar, in so many seconds.
+):
+    """Have a silence go on for a stretch of way from a to b (east, north) [m] from the sonar, in so many seconds.
 
-    source: its level, and what else the excess of all of it has in common [dB].
+    source: its level, and what else the excess of all of it has in common [dB]; quiet: [s] before, and then at the end,
+    in which nothing can be heard and of which the silence does not yet know.
+
+    On either side of the nearest point the range goes one way, and the bearing does so all along. Let the tables go up and
+    down by v dB between the ends of a part (`limits`), at which the excess is e and f. So between them it is at most
+    max(e, f) + (v - |e - f|) / 2. A part is short enough where that is HIDDEN above max(e, f) and |e - f| is STEEP at the
+    most, or where nothing can be heard.
     """
     d = b - a
     dd = d[0] * d[0] + d[1] * d[1]
     nearest = ti.min(ti.max(-(a[0] * d[0] + a[1] * d[1]) / ti.max(dd, 1e-12), 0.0), 1.0)
     at = a + nearest * d
     far, length = at.norm(), ti.sqrt(dd)
-    if far > ear.nearest + ear.between * (ear.rings - 1):
-        silence = jumps.settled(silence, ear.rate, lasting)
-    elif length < STILL:
-        over = excess(ear, losses, gains, a + 0.5 * d) + source
-        silence = jumps.heard(silence, over, ear.spread, ear.rate, lasting)
+    ring = (far - ear.nearest) / ear.between
+    best = ti.f32(NOTHING)
+    if ring <= ear.rings - 1.0:
+        best = limits[ear.rings + ti.cast(ti.max(ring, 0.0), ti.i32)] + source
+    if best <= jumps.QUIET * ear.spread:
+        quiet += lasting
     else:
         fine = ti.min(ti.max(0.5 * ear.between, FINE), ti.max(NARROW * far, CLOSE))
-        # The trapezium rule on either side of the nearest point, so that the greatest chances count in full.
-        for side in range(2):
-            low, share = 0.0, nearest
-            if side == 1:
-                low, share = nearest, 1.0 - nearest
-            if share > 0.0:
-                parts = ti.min(ti.max(ti.cast(ti.ceil(share * length / fine), ti.i32), 1), MOST_PARTS)
-                part = share * lasting / parts
-                for k in range(parts + 1):
-                    over = excess(ear, losses, gains, a + (low + share * k / parts) * d) + source
-                    whole = part if 0 < k < parts else 0.5 * part
-                    silence = jumps.heard(silence, over, ear.spread, ear.rate, whole)
-    return silence
+        least = ti.max(fine / ti.max(length, 1.0), 1.0 / MOST_PARTS)
+        clockwise = a[1] * d[0] - a[0] * d[1] >= 0.0
+        round_ = limits[2 * ear.rings + ear.turns]
+        begin, end, ahead, owed = 0.0, 0.0, 1.0, 0.0
+        one = f32x3(0.0)
+        first = 1
+        while begin < 1.0:
+            other = excess(ear, losses, gains, limits, a + end * d)
+            part = end - begin
+            change, hidden, peak = ti.abs(other[0] - one[0]), 0.0, ti.max(other[0], one[0]) + source
+            if first == 0:
+                turned = other[2] - one[2] if clockwise else one[2] - other[2]
+                if turned < -1e-3:
+                    turned += round_
+                hidden = 0.5 * ti.max(ti.abs(other[1] - one[1]) + ti.max(turned, 0.0) - change, 0.0)
+            deviations = (peak + hidden) / ear.spread
+            rough = ti.max(change * (1.0 / STEEP), hidden * (1.0 / HIDDEN)) / ti.max(SOFT - deviations, 1.0)
+            if first == 1:
+                one, first = other, 0
+            elif deviations <= jumps.QUIET or rough <= 1.0 or part <= 1.31 * least:
+                owed += 0.5 * part
+                dwell(silence, quiet, ear, one[0] + source, owed * lasting)
+                one, begin, owed = other, end, 0.5 * part
+                ahead = part * ti.min(0.8 / ti.max(rough, 1e-3), 4.0) if rough < 0.8 else part
+            else:
+                ahead = part * ti.min(ti.max(0.8 / rough, 0.1), 0.6)
+            ahead = ti.max(ahead, least)
+            stop = nearest if begin < nearest else 1.0
+            end = begin + ahead
+            if end > stop - 0.3 * least:
+                end = stop
+        dwell(silence, quiet, ear, one[0] + source, owed * lasting)
 
 
 @ti.func
-def taken(i: ti.i32, size: ti.i32, log_missed: ti.template(), edges: ti.template(), held: ti.template()) -> Silence:
-    """Return the silence of particle i from its columns; see `Silent`."""
+def dwell(silence: ti.template(), quiet: ti.template(), ear: Ear, over: ti.f32, lasting: ti.f32):
+    """Have a silence go on for a while [s] with a signal excess `over` [dB]; quiet: see `hear`."""
+    deviations = over / ear.spread
+    if deviations > jumps.QUIET:
+        jumps.settle(silence, ear.rate, quiet)
+        quiet = 0.0
+        jumps.go_on(silence, jumps.chance(deviations), ear.rate, lasting)
+    else:
+        quiet += lasting
+
+
+@ti.func
+def taken(i: ti.i32, size: ti.i32, edges: ti.template(), held: ti.template()) -> Silence:
+    """Return the silence of particle i from its columns, but for its log; see `columns`."""
     silence = jumps.at_first()
-    silence.log = log_missed[i]
-    if held[i] > 0.0 or edges[i] > 0.0:
-        silence.many = 0
-        for j in range(STAIRS):
-            if edges[j * size + i] >= 0.0 and silence.many == j:
-                silence.edge[j], silence.held[j] = edges[j * size + i], held[j * size + i]
-                silence.many += 1
+    edge = edges[i]
+    if edge > 0.0:
+        silence.edge[0] = edge
+        silence.held[0] = held[i]
+        many = 1
+        while many < STAIRS and edge > 0.0:  # below an edge of 0 is none, and after the last stands -1
+            edge = edges[many * size + i]
+            if edge >= 0.0:
+                silence.edge[many], silence.held[many] = edge, held[many * size + i]
+                many += 1
+        silence.many = many
     return silence
 
 
 @ti.func
 def put(
-    silence: Silence, i: ti.i32, size: ti.i32, log_missed: ti.template(), edges: ti.template(), held: ti.template()
+    silence: ti.template(), i: ti.i32, size: ti.i32, log_missed: ti.template(), edges: ti.template(), held: ti.template()
 ):
-    """Write the silence of particle i to its columns."""
-    log_missed[i] = silence.log
-    for j in range(STAIRS):
-        there = j < silence.many
-        edges[j * size + i] = silence.edge[j] if there else -1.0
-        held[j * size + i] = silence.held[j] if there else 0.0
+    """Write the silence of particle i to its columns, and add its log to that there."""
+    if silence.log < 0.0:
+        log_missed[i] += silence.log
+    many = silence.many
+    if silence.edge[0] != 0.0 or edges[i] != 0.0:
+        for j in range(many):
+            edges[j * size + i] = silence.edge[j]
+            held[j * size + i] = jumps.height(silence, j)
+        if many < STAIRS and silence.edge[many - 1] > 0.0:
+            edges[many * size + i] = -1.0
 
 
 @ti.func
@@ -170,7 +261,20 @@ def to(ear: Ear, time: ti.f32, lon: ti.i32, lat: ti.i32) -> f32x2:
     share = (time - ear.begin) / ti.max(ear.end - ear.begin, 1e-6)
     x = ear.lon + ti.cast(ti.round(share * ti.cast(ear.to_lon - ear.lon, ti.f32)), ti.i32)
     y = ear.lat + ti.cast(ti.round(share * ti.cast(ear.to_lat - ear.lat, ti.f32)), ti.i32)
-    return sphere.offset(x, y, lon, lat)
+    return sphere.offset_near(x, y, lon, lat)
+
+
+@ti.func
+def out_of_reach(ear: Ear, lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32, stray: ti.f32) -> ti.i32:
+    """Return 1 if nothing can be heard of what goes from one place [binary angle] to another and strays [m] from that.
+
+    It may be 0 then, too.
+    """
+    dx, dy = ti.abs(ti.cast(to_lon - lon, ti.f32)), ti.abs(ti.cast(to_lat - lat, ti.f32))
+    moves = (dx + dy) * ti.f32(sphere.RADIUS * sphere.UNIT) + ear.moves
+    # An arc is at least twice the sine of its half.
+    reach = ti.max(ear.reach + moves + stray, 0.0) * ti.f32(0.5 / sphere.RADIUS)
+    return ti.cast(sphere.haversine(ear.lon, ear.lat, lon, lat) > reach * reach, ti.i32)
 
 
 @ti.kernel
@@ -196,6 +300,7 @@ def _drifting(
     levels: HostReals,
     paces: HostReals,
     offsets: HostReals,
+    limits: HostReals,
     log_missed: Reals,
     edges: Reals,
     held: Reals,
@@ -205,38 +310,42 @@ def _drifting(
     for nth in range(first * many, last * many):
         i, f = batch.slot(listed, slots, nth // many), nth % many
         if status[i] <= life.PENDING:  # what is under way is heard by kernels.listen_targets
-            silence = taken(f * size + i, size * many, log_missed, edges, held)
-            now = ear.begin
+            row = f * size + i
+            silence = taken(row, size * many, edges, held)
+            quiet = ear.end - ear.begin
             if status[i] < life.PENDING:
-                times = life.behind(status[i], release[i], status_since[i], moving_since[i], elapsed, duration)
-                left, gone = ti.cast(times[1] - elapsed, ti.f32), ti.cast(times[2] - elapsed, ti.f32)
-                begin, end = ti.max(ear.begin, left), ti.min(ear.end, gone)
-                now = ti.min(ti.max(now, ti.cast(release[i] - elapsed, ti.f32)), ear.end)  # before, it was under way
-                if begin < end:
-                    silence = jumps.settled(silence, ear.rate, begin - now)
-                    x, y = before_lon[i], before_lat[i]
-                    dx, dy = ti.cast(lon[i] - x, ti.f32), ti.cast(lat[i] - y, ti.f32)
-                    pace = 1.0 / ti.max(gone - left, 1.0)
-                    a, b = f32x2(0.0), f32x2(0.0)
-                    for side in range(2):
-                        when = begin if side == 0 else end
-                        share = (when - left) * pace
-                        at_x, at_y = (
-                            x + ti.cast(ti.round(dx * share), ti.i32),
-                            y + ti.cast(ti.round(dy * share), ti.i32),
-                        )
-                        found = to(ear, when, at_x, at_y)
-                        if side == 0:
-                            a = found
-                        else:
-                            b = found
-                    c = sphere.cos_lat(y)
-                    speed = ti.sqrt(dx * dx * c * c + dy * dy) * ti.f32(sphere.RADIUS * sphere.UNIT) * pace
-                    source = level(levels, paces, scenario[i], speed) + offsets[f]
-                    silence = hear(silence, ear, losses, gains, a, b, end - begin, source)
-                    now = end
-            silence = jumps.settled(silence, ear.rate, ear.end - now)
-            put(silence, f * size + i, size * many, log_missed, edges, held)
+                # Before its release it was under way.
+                begun = ti.min(ti.max(ear.begin, ti.cast(release[i] - elapsed, ti.f32)), ear.end)
+                quiet = ear.end - begun
+                x, y = before_lon[i], before_lat[i]
+                if out_of_reach(ear, x, y, lon[i], lat[i], 0.0) == 0:
+                    times = life.behind(
+                        status[i], release[i], status_since[i], moving_since[i], elapsed, duration
+                    )
+                    left, gone = ti.cast(times[1] - elapsed, ti.f32), ti.cast(times[2] - elapsed, ti.f32)
+                    begin, end = ti.max(ear.begin, left), ti.min(ear.end, gone)
+                    if begin < end:
+                        quiet = begin - begun
+                        dx, dy = ti.cast(lon[i] - x, ti.f32), ti.cast(lat[i] - y, ti.f32)
+                        pace = 1.0 / ti.max(gone - left, 1.0)
+                        a, b = f32x2(0.0), f32x2(0.0)
+                        for side in range(2):
+                            when = begin if side == 0 else end
+                            share = (when - left) * pace
+                            at_x = x + ti.cast(ti.round(dx * share), ti.i32)
+                            at_y = y + ti.cast(ti.round(dy * share), ti.i32)
+                            found = to(ear, when, at_x, at_y)
+                            if side == 0:
+                                a = found
+                            else:
+                                b = found
+                        c = sphere.cos_lat(y)
+                        speed = ti.sqrt(dx * dx * c * c + dy * dy) * ti.f32(sphere.RADIUS * sphere.UNIT) * pace
+                        source = level(levels, paces, scenario[i], speed) + offsets[f]
+                        hear(silence, quiet, ear, losses, gains, limits, a, b, end - begin, source)
+                        quiet += ear.end - end
+            jumps.settle(silence, ear.rate, quiet)
+            put(silence, row, size * many, log_missed, edges, held)
 
 
 class Tables(NamedTuple):
@@ -270,20 +379,54 @@ def columns(n: int, factors: int) -> dict[str, np.ndarray]:
     }
 
 
-def ear(stretch: Stretch, tables: Tables) -> Any:
-    """Return a sonar as kernels take it."""
+def limits(tables: Tables) -> np.ndarray:
+    """Return what the excess of a source of 0 dB can be, and by how much it can change, float32 (2 rings + turns + 1,).
+
+    For each ring, by how much the losses go up and down from the first ring to it, of all bearings the most; for each
+    ring, the highest excess from it on; for each of as many bearings as losses or gains have, and for a turn, by how much
+    they go up and down from north to it, of all ranges the most.
+    """
+    losses, gains = tables.losses, tables.gains
+    by_range = np.append(0.0, np.cumsum(np.abs(np.diff(losses, axis=1)).max(axis=0), dtype=np.float64))
+    best = np.maximum.accumulate((-losses.min(axis=0))[::-1])[::-1].astype(np.float64) + gains.max()
+    turns = _turns(tables)
+    by_bearing = np.zeros(turns + 1)
+    for table in (losses, gains[:, None]):
+        if len(table) > 1:
+            steps = np.abs(np.diff(table, axis=0, append=table[:1])).max(axis=1)
+            known = np.append(0.0, np.cumsum(steps, dtype=np.float64))
+            by_bearing += np.interp(np.arange(turns + 1) / turns, np.arange(len(known)) / len(steps), known)
+    return np.concatenate([by_range, np.maximum(best, NOTHING), by_bearing]).astype(np.float32)
+
+
+def _turns(tables: Tables) -> int:
+    return max(len(tables.losses), len(tables.gains))
+
+
+class Laid(NamedTuple):
+    """A sonar on a stretch of its way, as kernels take it."""
+
+    ear: Any
+    tables: tuple[np.ndarray, ...]  # losses, gains, levels, speeds, offsets, limits, all flat
+
+
+def laid(stretch: Stretch, tables: Tables, offsets: np.ndarray) -> Laid:
+    """Return a sonar on a stretch; offsets: [dB] (factors,), of the unknown that its group shares."""
     rays, rings = tables.losses.shape
-    return Ear(
+    own = limits(tables)
+    # What is audible at its loudest, as far as there is any.
+    best = own[rings : 2 * rings] + float(tables.levels.max()) + float(offsets.max())
+    audible = int(np.count_nonzero(best > jumps.QUIET * tables.spread))
+    reach = tables.nearest + tables.between * audible + MARGIN if audible else -1e9
+    x, y = ((b - a + 2**31) % 2**32 - 2**31 for a, b in zip(stretch.place, stretch.to, strict=True))
+    ear = Ear(
         lon=stretch.place[0], lat=stretch.place[1], to_lon=stretch.to[0], to_lat=stretch.to[1], begin=stretch.begin,
         end=stretch.end, rays=rays, rings=rings, nearest=tables.nearest, between=tables.between,
-        sides=len(tables.gains), paces=len(tables.paces), spread=tables.spread, rate=tables.rate, cell_lon=1.0, cell_lat=1.0,
+        sides=len(tables.gains), paces=len(tables.paces), spread=tables.spread, rate=tables.rate, turns=_turns(tables),
+        reach=reach, moves=(abs(x) + abs(y)) * sphere.UNIT * sphere.RADIUS, cell_lon=1.0, cell_lat=1.0,
     )  # fmt: skip
-
-
-def flat(tables: Tables, offsets: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return losses, gains, levels, speeds and offsets as kernels take them."""
-    every = tables.losses, tables.gains, tables.levels, tables.paces, offsets
-    return tuple(np.ascontiguousarray(x, np.float32).reshape(-1) for x in every)
+    every = tables.losses, tables.gains, tables.levels, tables.paces, offsets, own
+    return Laid(ear, tuple(np.ascontiguousarray(x, np.float32).reshape(-1) for x in every))
 
 
 def drifting(
@@ -292,18 +435,16 @@ def drifting(
     before: tuple[Any, Any],
     elapsed: int,
     duration: int,
-    stretch: Stretch,
-    tables: Tables,
-    offsets: np.ndarray,
+    sonar: Laid,
     kept: tuple[Any, Any, Any],
 ) -> None:
     """Have a sonar listen for what drifts, of the slots of a batch, on a stretch of the step just made.
 
     ensemble: a drift.particles.ensemble.Ensemble; before: its lon and lat at the begin of the step, at `elapsed` [s].
-    offsets: [dB] (factors,), of the unknown that its group shares. kept: its columns on the device, see `columns`. What lies ashore is not heard.
+    kept: the sonar's columns on the device, see `columns`. What lies ashore is not heard.
     """
     e = ensemble
     _drifting(
         own.listed, own.first, own.last, own.slots, e.scenario, *before, e.lon, e.lat, e.status, e.release,
-        e.status_since, e.moving_since, elapsed, duration, ear(stretch, tables), *flat(tables, offsets), *kept,
+        e.status_since, e.moving_since, elapsed, duration, sonar.ear, *sonar.tables, *kept,
     )  # fmt: skip

@@ -16,7 +16,7 @@ from kernels import batch, glimpse, jumps, life, listen, noise, sphere, ways
 from kernels.batch import Batch
 from kernels.coast import Ints, Reals
 from kernels.glimpse import HEARD, Pods
-from kernels.listen import Ear, HostReals, Stretch, Tables, f32x2
+from kernels.listen import Ear, HostReals, Laid, Stretch, f32x2
 from kernels.pieces import NONE, Pieces
 from kernels.sweep_targets import DEPTH, Levels
 
@@ -41,6 +41,7 @@ def _steering(
     levels: HostReals,
     paces: HostReals,
     offsets: HostReals,
+    limits: HostReals,
     log_missed: Reals,
     edges: Reals,
     held: Reals,
@@ -57,16 +58,23 @@ def _steering(
         if pieces.piece_count[i] != NONE:
             here = i
         if here != NONE:
-            silence, total = jumps.at_first(), 0.0
+            silence, total, quiet = jumps.at_first(), 0.0, 0.0
             if ti.static(kind == HEARD):
-                silence = listen.taken(f * size + i, size * many, log_missed, edges, held)
+                silence = listen.taken(f * size + i, size * many, edges, held)
             now = ear.begin
             while here != NONE:
                 begin = ti.cast(pieces.piece_begin[here] - elapsed, ti.f32)
                 whole = ti.cast(pieces.piece_end[here] - pieces.piece_begin[here], ti.f32)
                 aground = status[i] == life.AGROUND and pieces.piece_begin[here] >= status_since[i]
-                if begin < ear.end and begin + whole > ear.begin and (shore == 1 or not aground):
-                    k = pieces.piece_k[here]
+                told = begin < ear.end and begin + whole > ear.begin and (shore == 1 or not aground)
+                k = pieces.piece_k[here]
+                if ti.static(kind == HEARD):
+                    if told:
+                        x, y = pieces.piece_lon[here], pieces.piece_lat[here]
+                        to_x, to_y = pieces.piece_to_lon[here], pieces.piece_to_lat[here]
+                        stray = glimpse.FAR * k * ti.sqrt(whole)
+                        told = listen.out_of_reach(ear, x, y, to_x, to_y, stray) == 0
+                if told:
                     mean = f32x2(pieces.piece_east[here], pieces.piece_north[here]).norm()
                     # Parts of the piece, halved where it matters: their ends on a stack, the nearest one on top.
                     ends_x, ends_y, depths = Levels(0), Levels(0), Levels(0)
@@ -100,14 +108,14 @@ def _steering(
                             if depth < DEPTH and stray > fine and glimpse.near(kind, ear, a, b, stray) == 1:
                                 halve = 1
                             elif ti.static(kind == HEARD):
-                                silence = jumps.settled(silence, ear.rate, low - now)
+                                quiet += low - now
                                 speed = mean
-                                if k <= 0.0:
+                                if k <= 0.0 and paces.shape[0] > 1:
                                     to_x, to_y = pieces.piece_to_lon[here], pieces.piece_to_lat[here]
                                     far = sphere.offset(pieces.piece_lon[here], pieces.piece_lat[here], to_x, to_y)
                                     speed = far.norm() / ti.max(whole, 1.0)
                                 source = listen.level(levels, paces, which, speed) + offsets[f]
-                                silence = listen.hear(silence, ear, losses, gains, a, b, high - low, source)
+                                listen.hear(silence, quiet, ear, losses, gains, limits, a, b, high - low, source)
                                 now = high
                             else:
                                 total += glimpse.hazard(kind, ear, losses, a, b, high - low)
@@ -128,7 +136,8 @@ def _steering(
                 here = pieces.piece_next[here]
             if ti.static(kind == HEARD):
                 if status[i] >= life.PENDING:  # else it has gone adrift, and kernels.listen goes on from there
-                    silence = jumps.settled(silence, ear.rate, ear.end - now)
+                    quiet += ear.end - now
+                jumps.settle(silence, ear.rate, quiet)
                 listen.put(silence, f * size + i, size * many, log_missed, edges, held)
             else:
                 log_missed[i] -= total
@@ -140,21 +149,19 @@ def steering(
     scenario: Any,
     seed: int,
     step: Any,
-    stretch: Stretch,
-    tables: Tables,
-    offsets: np.ndarray,
+    sonar: Laid,
     kept: tuple[Any, Any, Any],
     ended: tuple[Any, Any],
 ) -> None:
     """Have a sonar listen for targets under way on a stretch of the step just made.
 
     made: their pieces in the step (a kernels.advance.Step), see kernels.steer.made; own: slots of which pieces were
-    made; scenario: of each slot, device. offsets, kept: see kernels.listen.drifting. ended: device, int32 (n,), status
+    made; scenario: of each slot, device. kept: see kernels.listen.drifting. ended: device, int32 (n,), status
     and since when [s after the run's start]. What has run aground is not heard.
     """
     _steering(
-        HEARD, *own.launched, scenario, made, *noise.key(seed), step.elapsed, step.number, listen.ear(stretch, tables),
-        *listen.flat(tables, offsets), *kept, *ended, 0,
+        HEARD, *own.launched, scenario, made, *noise.key(seed), step.elapsed, step.number, sonar.ear, *sonar.tables,
+        *kept, *ended, 0,
     )  # fmt: skip
 
 
@@ -177,6 +184,6 @@ def glimpsed(
     none = np.zeros(1, np.float32)
     _steering(
         pods.kind, *own.launched, scenario, made, *noise.key(seed), step.elapsed, step.number,
-        glimpse.ear(stretch, pods), np.ascontiguousarray(pods.table, np.float32).reshape(-1), none, none, none, none,
+        glimpse.ear(stretch, pods), np.ascontiguousarray(pods.table, np.float32).reshape(-1), none, none, none, none, none,
         log_missed, log_missed, log_missed, *ended, int(shore),
     )  # fmt: skip

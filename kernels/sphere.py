@@ -86,6 +86,38 @@ def offset(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.types
     return ti.Vector([x * scale, y * scale])
 
 
+NEAR = 0.04  # haversine of the arc below which `offset_near` takes a series: 2,565 km
+
+
+@ti.func
+def haversine(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.f32:
+    """Return the square of the sine of half the arc to another position."""
+    dlon, dlat = ti.cast(to_lon - lon, ti.f32) * ti.f32(UNIT), ti.cast(to_lat - lat, ti.f32) * ti.f32(UNIT)
+    half_lon, half_lat = _sine(0.5 * dlon), _sine(0.5 * dlat)
+    return half_lat * half_lat + cos_lat(lat) * cos_lat(to_lat) * half_lon * half_lon
+
+
+@ti.func
+def offset_near(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.types.vector(2, ti.f32):
+    """Return what `offset` does, in less time where that is less than 2,565 km, relative error 4e-8 there.
+
+    With h the haversine of an arc, arc / sin arc is the sum of (2^k k!)^2 / (2k + 1)! h^k.
+    """
+    dlon, dlat = ti.cast(to_lon - lon, ti.f32) * ti.f32(UNIT), ti.cast(to_lat - lat, ti.f32) * ti.f32(UNIT)
+    c, s, to_c = cos_lat(lat), sin_lat(lat), cos_lat(to_lat)
+    half_lon, half_lat = _sine(0.5 * dlon), _sine(0.5 * dlat)
+    h = half_lat * half_lat + c * to_c * half_lon * half_lon
+    found = ti.Vector([ti.f32(0.0), ti.f32(0.0)])
+    if h < NEAR:
+        x = to_c * 2.0 * half_lon * ti.sqrt(ti.max(1.0 - half_lon * half_lon, 0.0))
+        y = 2.0 * half_lat * ti.sqrt(ti.max(1.0 - half_lat * half_lat, 0.0)) + s * to_c * 2.0 * half_lon * half_lon
+        scale = ti.f32(RADIUS) * (1.0 + h * (2 / 3 + h * (8 / 15 + h * (16 / 35 + h * (128 / 315)))))
+        found = ti.Vector([x * scale, y * scale])
+    else:
+        found = offset(lon, lat, to_lon, to_lat)
+    return found
+
+
 @ti.kernel
 def _displace(
     lon: ti.types.ndarray(dtype=ti.i32, ndim=1),

@@ -22,7 +22,7 @@ from kernels import batch, felt, listen_targets, observe_targets, runtime, steer
 from kernels.batch import Batch
 from kernels.coast import DeviceCoast
 from kernels.glimpse import Pods
-from kernels.listen import Stretch, Tables
+from kernels.listen import Laid, Stretch
 from kernels.observe import Shape, Window
 from kernels.pieces import Room
 from kernels.sweep import Track
@@ -145,15 +145,13 @@ class Helm:
         self,
         kept: Mapping[str, Device],
         step: kernel.Step,
-        stretch: Stretch,
-        tables: Tables,
-        offsets: Array,
+        sonar: Laid,
         silent: tuple[Device, Device, Device],
     ) -> None:
         """Have a sonar listen for targets on a stretch of the step just made: see kernels.listen_targets.steering."""
         e = self._ensemble
         listen_targets.steering(
-            self._made(kept, step), self.batch, e.scenario, e.seed, step, stretch, tables, offsets, silent,
+            self._made(kept, step), self.batch, e.scenario, e.seed, step, sonar, silent,
             (e.status, e.status_since),
         )  # fmt: skip
 

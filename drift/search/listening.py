@@ -129,9 +129,10 @@ class Listening:
                 tables = self._tables(self._sees, stretch, step.elapsed, track.course[4 * k : 4 * k + 4], share)
                 if not seeks:
                     tables = tables._replace(gains=np.full(1, -math.inf, np.float32))
+                sonar = listen.laid(stretch, tables, self.factors)
                 if steered and begin.helm:
-                    steered.listen(begin.helm, step, stretch, tables, self.factors, kept)
-                listen.drifting(ensemble, own, before, step.elapsed, step.duration, stretch, tables, self.factors, kept)
+                    steered.listen(begin.helm, step, sonar, kept)
+                listen.drifting(ensemble, own, before, step.elapsed, step.duration, sonar, kept)
         return exposed
 
     def _parts(self, own: Ear, whole: Stretch, elapsed: int) -> Iterator[tuple[Stretch, float]]:
