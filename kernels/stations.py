@@ -97,26 +97,26 @@ def _missed(
             lasting = time[t + 1] - time[t]
             heard = listens[c * bins + t] == 1 and there[i * edges + t] == 1 and there[i * edges + t + 1] == 1
             if not heard:
-                silence = jumps.settled(silence, sonar.rate, lasting)
+                jumps.settle(silence, sonar.rate, lasting)
                 begun = 0
             else:
                 if begun == 0:
-                    a = sphere.offset(
+                    a = sphere.offset_near(
                         way_lon[c * edges + t], way_lat[c * edges + t], lon[i * edges + t], lat[i * edges + t]
                     )
                 to = t + 1
-                b = sphere.offset(
+                b = sphere.offset_near(
                     way_lon[c * edges + to], way_lat[c * edges + to], lon[i * edges + to], lat[i * edges + to]
                 )
                 d = b - a
                 dd = d.dot(d)
                 nearest = (a + ti.min(ti.max(-a.dot(d) / ti.max(dd, 1e-12), 0.0), 1.0) * d).norm()
                 if nearest > reach:
-                    silence = jumps.settled(silence, sonar.rate, lasting)
+                    jumps.settle(silence, sonar.rate, lasting)
                 else:
                     speed = 0.0
                     if sonar.paces > 1:
-                        gone = sphere.offset(
+                        gone = sphere.offset_near(
                             lon[i * edges + t], lat[i * edges + t], lon[i * edges + to], lat[i * edges + to]
                         )
                         speed = gone.norm() / lasting
@@ -128,7 +128,7 @@ def _missed(
                         over = _excess(
                             sonar, losses, gains, noise, which, weight, c * bins + t, t, heading[c * bins + t], way
                         ) + source  # fmt: skip
-                        silence = jumps.heard(silence, over, sonar.spread, sonar.rate, lasting / parts)
+                        jumps.hear(silence, over, sonar.spread, sonar.rate, lasting / parts)
                 a, begun = b, 1
         log[nth] = silence.log
 
@@ -165,14 +165,14 @@ def _best(
         for t in range(first[slot], first[slot + 1]):
             lasting = time[t + 1] - time[t]
             if there[i * edges + t] == 1 and there[i * edges + t + 1] == 1:
-                a = sphere.offset(cell_lon[c], cell_lat[c], lon[i * edges + t], lat[i * edges + t])
-                b = sphere.offset(cell_lon[c], cell_lat[c], lon[i * edges + t + 1], lat[i * edges + t + 1])
+                a = sphere.offset_near(cell_lon[c], cell_lat[c], lon[i * edges + t], lat[i * edges + t])
+                b = sphere.offset_near(cell_lon[c], cell_lat[c], lon[i * edges + t + 1], lat[i * edges + t + 1])
                 d = b - a
                 dd = d.dot(d)
                 nearest = ti.min(ti.max(-a.dot(d) / ti.max(dd, 1e-12), 0.0), 1.0)
                 speed = 0.0
                 if sonar.paces > 1:
-                    gone = sphere.offset(
+                    gone = sphere.offset_near(
                         lon[i * edges + t], lat[i * edges + t], lon[i * edges + t + 1], lat[i * edges + t + 1]
                     )
                     speed = gone.norm() / lasting
@@ -186,13 +186,13 @@ def _best(
                             j = ti.min(ti.cast(ring, ti.i32), sonar.rings - 2)
                             # The higher of both ends: between them nothing is higher.
                             over = ti.max(best[c * sonar.rings + j], best[c * sonar.rings + j + 1]) + source
-                            silence = jumps.heard(silence, over, sonar.spread, sonar.rate, lasting / parts)
+                            jumps.hear(silence, over, sonar.spread, sonar.rate, lasting / parts)
                         else:
-                            silence = jumps.settled(silence, sonar.rate, lasting / parts)
+                            jumps.settle(silence, sonar.rate, lasting / parts)
                 else:
-                    silence = jumps.settled(silence, sonar.rate, lasting)
+                    jumps.settle(silence, sonar.rate, lasting)
             else:
-                silence = jumps.settled(silence, sonar.rate, lasting)
+                jumps.settle(silence, sonar.rate, lasting)
         hazard[nth] = -silence.log
 
 

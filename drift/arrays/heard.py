@@ -49,7 +49,7 @@ def hearer(sea: Sea, tracks: Tracks) -> Hearer:
     """Return an array made ready to be placed among particles."""
     sonar = sea.tow.sensor.sees
     assert isinstance(sonar, Sonar)
-    offsets, chances = unknown.offsets(sonar.unknown, sonar.fluctuation)
+    offsets, chances = unknown.values(sea.tow.sensor)
     return Hearer(sea, tracks, swarm(tracks), tables(sonar, tracks.time, offsets), chances)
 
 
