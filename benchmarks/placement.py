@@ -42,7 +42,7 @@ def case(seed: int, m: int, hours: float) -> tuple[Tracks, list[Tow]]:
     gone = (moments - BEGIN)[:, None] * rng.uniform(4, 12, m) * KNOT
     lon, lat = sphere.destination(*MIDDLE, x + gone * np.sin(course), y + gone * np.cos(course))
     tracks = Tracks(
-        moments, *(sphere.to_binary(np.degrees(v)) for v in (lon, lat)), np.ones(lon.shape, bool), np.full(m, 1 / m),
+        moments, sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat)), np.ones(lon.shape, bool), np.full(m, 1 / m),
         which.astype(np.int32), np.full(m, BEGIN),
     )  # fmt: skip
     first = (rng.uniform(26, 30) * NMI, rng.uniform(31, 35) * NMI, rng.uniform(8, 14))
