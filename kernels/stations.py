@@ -30,6 +30,7 @@ Sonar = ti.types.struct(
     spread=ti.f32,  # [dB]
     rate=ti.f32,  # [1/s]
     part=ti.f32,  # [m] longest part of a stretch of way in which the excess is taken once
+    share=ti.f32,  # of the least range in a bin, which a part may have too
 )
 
 
@@ -96,37 +97,38 @@ def _missed(
             lasting = time[t + 1] - time[t]
             heard = listens[c * bins + t] == 1 and there[i * edges + t] == 1 and there[i * edges + t + 1] == 1
             if not heard:
-                silence = jumps.settled(silence, sonar.rate, lasting)
+                jumps.settle(silence, sonar.rate, lasting)
                 begun = 0
             else:
                 if begun == 0:
-                    a = sphere.offset(
+                    a = sphere.offset_near(
                         way_lon[c * edges + t], way_lat[c * edges + t], lon[i * edges + t], lat[i * edges + t]
                     )
                 to = t + 1
-                b = sphere.offset(
+                b = sphere.offset_near(
                     way_lon[c * edges + to], way_lat[c * edges + to], lon[i * edges + to], lat[i * edges + to]
                 )
                 d = b - a
                 dd = d.dot(d)
-                nearest = ti.min(ti.max(-a.dot(d) / ti.max(dd, 1e-12), 0.0), 1.0)
-                if (a + nearest * d).norm() > reach:
-                    silence = jumps.settled(silence, sonar.rate, lasting)
+                nearest = (a + ti.min(ti.max(-a.dot(d) / ti.max(dd, 1e-12), 0.0), 1.0) * d).norm()
+                if nearest > reach:
+                    jumps.settle(silence, sonar.rate, lasting)
                 else:
                     speed = 0.0
                     if sonar.paces > 1:
-                        gone = sphere.offset(
+                        gone = sphere.offset_near(
                             lon[i * edges + t], lat[i * edges + t], lon[i * edges + to], lat[i * edges + to]
                         )
                         speed = gone.norm() / lasting
                     source = _level(levels, paces, scenario[i], speed) + offsets[f]
-                    parts = ti.max(ti.cast(ti.ceil(ti.sqrt(dd) / sonar.part), ti.i32), 1)
+                    part = ti.max(sonar.part, sonar.share * nearest)
+                    parts = ti.max(ti.cast(ti.ceil(ti.sqrt(dd) / part), ti.i32), 1)
                     for k in range(parts):
                         way = a + (k + 0.5) / parts * d
                         over = _excess(
                             sonar, losses, gains, noise, which, weight, c * bins + t, t, heading[c * bins + t], way
                         ) + source  # fmt: skip
-                        silence = jumps.heard(silence, over, sonar.spread, sonar.rate, lasting / parts)
+                        jumps.hear(silence, over, sonar.spread, sonar.rate, lasting / parts)
                 a, begun = b, 1
         log[nth] = silence.log
 
@@ -163,14 +165,14 @@ def _best(
         for t in range(first[slot], first[slot + 1]):
             lasting = time[t + 1] - time[t]
             if there[i * edges + t] == 1 and there[i * edges + t + 1] == 1:
-                a = sphere.offset(cell_lon[c], cell_lat[c], lon[i * edges + t], lat[i * edges + t])
-                b = sphere.offset(cell_lon[c], cell_lat[c], lon[i * edges + t + 1], lat[i * edges + t + 1])
+                a = sphere.offset_near(cell_lon[c], cell_lat[c], lon[i * edges + t], lat[i * edges + t])
+                b = sphere.offset_near(cell_lon[c], cell_lat[c], lon[i * edges + t + 1], lat[i * edges + t + 1])
                 d = b - a
                 dd = d.dot(d)
                 nearest = ti.min(ti.max(-a.dot(d) / ti.max(dd, 1e-12), 0.0), 1.0)
                 speed = 0.0
                 if sonar.paces > 1:
-                    gone = sphere.offset(
+                    gone = sphere.offset_near(
                         lon[i * edges + t], lat[i * edges + t], lon[i * edges + t + 1], lat[i * edges + t + 1]
                     )
                     speed = gone.norm() / lasting
@@ -184,13 +186,13 @@ def _best(
                             j = ti.min(ti.cast(ring, ti.i32), sonar.rings - 2)
                             # The higher of both ends: between them nothing is higher.
                             over = ti.max(best[c * sonar.rings + j], best[c * sonar.rings + j + 1]) + source
-                            silence = jumps.heard(silence, over, sonar.spread, sonar.rate, lasting / parts)
+                            jumps.hear(silence, over, sonar.spread, sonar.rate, lasting / parts)
                         else:
-                            silence = jumps.settled(silence, sonar.rate, lasting / parts)
+                            jumps.settle(silence, sonar.rate, lasting / parts)
                 else:
-                    silence = jumps.settled(silence, sonar.rate, lasting)
+                    jumps.settle(silence, sonar.rate, lasting)
             else:
-                silence = jumps.settled(silence, sonar.rate, lasting)
+                jumps.settle(silence, sonar.rate, lasting)
         hazard[nth] = -silence.log
 
 
@@ -230,11 +232,11 @@ class Ways(NamedTuple):
     weight: np.ndarray  # float32 (c, e - 1, BESIDE), of sum 1
 
 
-def _sonar(tables: Tables, part: float, rings: int | None = None, rays: int | None = None):
+def _sonar(tables: Tables, part: float, share: float = 0.0, rings: int | None = None, rays: int | None = None):
     return Sonar(
         rays=rays or tables.losses.shape[1], rings=rings or tables.losses.shape[2], nearest=tables.nearest,
         between=tables.between, sides=tables.gains.size, winds=tables.noise.shape[1], paces=tables.paces.size,
-        spread=tables.spread, rate=tables.rate, part=part,
+        spread=tables.spread, rate=tables.rate, part=part, share=share,
     )  # fmt: skip
 
 
@@ -250,16 +252,17 @@ def _particles(swarm: Swarm) -> tuple[np.ndarray, ...]:
     )  # fmt: skip
 
 
-def missed(swarm: Swarm, tables: Tables, ways: Ways, part: float) -> np.ndarray:
+def missed(swarm: Swarm, tables: Tables, ways: Ways, part: float, share: float = 0.0) -> np.ndarray:
     """Return the logs of the probabilities that a sonar on each way hears nothing of each particle, float32 (c, m, factors).
 
-    part [m]: longest part of a stretch in which the signal excess is taken once.
+    part [m]: longest part of a stretch in which the signal excess is taken once, or this share of the least range in the
+    bin, where that is longer.
     """
     many = len(ways.lon)
     log = np.empty(many * len(swarm.scenario) * len(tables.offsets), np.float32)
     time, lon, lat, there, scenario = _particles(swarm)
     _missed(
-        _sonar(tables, part), *_flat(tables.losses, tables.gains, tables.noise, tables.levels, tables.paces, tables.offsets),
+        _sonar(tables, part, share), *_flat(tables.losses, tables.gains, tables.noise, tables.levels, tables.paces, tables.offsets),
         time, lon, lat, there, scenario, np.ascontiguousarray(ways.lon).reshape(-1), np.ascontiguousarray(ways.lat).reshape(-1),
         *_flat(ways.heading), np.ascontiguousarray(ways.listens, np.uint8).reshape(-1),
         np.ascontiguousarray(ways.which, np.int32).reshape(-1), *_flat(ways.weight), log,

@@ -1,7 +1,7 @@
 """What a plan of towed arrays hands out: its text, [[sortie]] tables for the case, its figures and its picture."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,11 +27,14 @@ class Matter:
 
 
 def _picture(matter: Matter, path: Path) -> None:
-    from drift.search import map as search_map  # here: Matplotlib takes a second to import
+    from drift.arrays import layers  # here: Matplotlib takes a second to import
+    from drift.search import map as search_map
 
     assert matter.updates is not None
+    own = layers.plan(matter.plan.placement.placed, matter.plan.sorties)
+    setting = replace(matter.setting, overlays=(*matter.setting.overlays, lambda time: own))
     sorties = sorted(matter.plan.sorties, key=lambda sortie: (sortie.start, sortie.end))
-    search_map.draw(matter.forecast, sorties, (), matter.updates, path, matter.setting, page=1)
+    search_map.draw(matter.forecast, sorties, (), matter.updates, path, setting, page=1)
 
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {

@@ -1,8 +1,8 @@
 """Where ships are to tow their arrays, so that they are the likeliest to hear the target.
 
 Ways are looked for in the plan's whole space of begins, courses and turns: many at first on few particles, and ever fewer
-on ever more, each moved about in ever smaller steps as long as that is better. Ships are placed one after the other, each
-for what those before have missed, and then in turns, each for what all others have missed.
+on ever more, each moved about in ever smaller steps as long as that is better. Of the ways that are tried at first those are
+taken that are the best together; then ships are placed in turns, each for what all others have missed.
 """
 
 import math
@@ -17,16 +17,23 @@ from drift.arrays.heard import Hearer
 from drift.arrays.ways import Sea, Ways
 from drift.planner import planning_tracks
 from drift.planner.planning_tracks import Tracks
+from drift.sensors import unknown
 from geo import sphere
 from geo.array import Array
 
 BINS = 24  # most bins of time in which ways are compared
-COARSE, FINE = 4000.0, 1500.0  # [m] parts of a relative way in which excess is taken once, at first and later
+COARSE, FINE = (
+    0.1,
+    0.02,
+)  # parts of a relative way in which excess is taken once, as shares of the range, at first and at last
 TRIED = 640  # ways that are tried at first
-STAGES = ((600, 12, 2), (1_500, 4, 3), (4_000, 2, 3))  # particles, ways that are kept, rounds of moving them about
+# Particles, ways that are kept, rounds of moving them about, parts.
+STAGES = ((150, 160, 0, COARSE), (600, 12, 2, COARSE), (1_500, 4, 2, 0.05), (4_000, 2, 1, FINE))
+FIRST = 1  # stage on whose particles all ships' ways are first chosen together
+STARTS = 40  # ways of the first ship from which that begins
 STEPS = (0.10, 12.0, 0.15)  # first steps: of the size of where it may begin, degrees of course, of the turn's share
 TURNS = 3  # most times that all ships are placed anew
-WORTH = 1e-4  # share of the value by which placing a ship anew is worth it
+WORTH = 1e-3  # share of the value by which placing a ship anew is worth it
 POOL = 4  # ways of each ship that alternatives are made of
 
 
@@ -60,46 +67,43 @@ def place(seas: Sequence[Sea], tracks: Tracks, seed: int, tell: Tell = lambda sh
     Raises ValueError where a ship has no way at all.
     """
     tracks = planning_tracks.coarser(tracks, BINS)
-    levels = [_sampled(tracks, count) for count, _, _ in STAGES]
-    total = len(seas) * (1 + TURNS * (len(seas) > 1))
+    levels = [_sampled(tracks, count) for count, *_ in STAGES]
+    total = len(seas) * (TURNS if len(seas) > 1 else 1)
     chosen: list[Ways | None] = [None] * len(seas)
     pools: list[list[Ways]] = [[] for _ in seas]
     every = [[heard.hearer(sea, level) for level in levels] for sea in seas]
     done = 0
 
     def left(number: int, stage: int) -> Array:
-        """Return what all other ships have missed of the particles of a stage, times their weights, (m,)."""
-        weight = levels[stage].weight.copy()
-        for other, way in enumerate(chosen):
-            if other != number and way is not None:
-                weight *= _mean(heard.missed(every[other][stage], way, FINE)[0], every[other][stage].chances)
-        return weight
+        """Return what all other ships have missed of the particles of a stage, times their weights, (m, factors)."""
+        hearers = [own[stage] for own in every]
+        others = [
+            None if other == number or way is None else heard.missed(hearers[other], way, FINE)[0]
+            for other, way in enumerate(chosen)
+        ]
+        return levels[stage].weight[:, None] * besides(hearers, others, number)
 
     def told() -> None:
         nonlocal done
         done += 1
         tell(min(done / total, 1.0))
 
-    for number, sea in enumerate(seas):
-        weights = [left(number, stage) for stage in range(len(levels))]
-        begun = _tried(sea, every[number][0], tracks.time, seed + number)
-        pools[number] = _refined(sea, every[number], weights, begun)
-        chosen[number] = pools[number][0]
-        told()
+    tried = [_tried(sea, tracks.time, seed + number) for number, sea in enumerate(seas)]
+    for number, way in enumerate(_begun([own[FIRST] for own in every], tried, levels[FIRST].weight)):
+        chosen[number] = way
     value = _value(every, chosen, levels[-1])
-    for _ in range(TURNS if len(seas) > 1 else 0):
+    for _ in range(TURNS if len(seas) > 1 else 1):
         before = value
         for number, sea in enumerate(seas):
+            old = chosen[number]
+            assert old is not None
             weights = [left(number, stage) for stage in range(len(levels))]
-            begun = ways.joined(
-                [*pools[number], _tried(sea, every[number][0], tracks.time, seed + 100 + number, TRIED // 4)]
-            )
-            pool = _refined(sea, every[number], weights, begun)
-            old, chosen[number] = chosen[number], pool[0]
+            pool = _refined(sea, every[number], weights, ways.joined([old, *pools[number], tried[number]]))
+            chosen[number] = pool[0]
             new = _value(every, chosen, levels[-1])
-            if new > value:
-                value, pools[number] = new, pool
-            else:
+            if new > value or not pools[number]:
+                value, pools[number] = max(new, value), pool
+            if new < value:
                 chosen[number] = old
             told()
         if value < before * (1 + WORTH):
@@ -108,21 +112,68 @@ def place(seas: Sequence[Sea], tracks: Tracks, seed: int, tell: Tell = lambda sh
     return _placement(seas, every, [way for way in chosen if way is not None], pools, levels[-1])
 
 
+def _begun(hearers: Sequence[Hearer], tried: Sequence[Ways], weight: Array) -> list[Ways]:
+    """Return ways of all ships that are good together, of those that were tried.
+
+    From each of the best ways of the first on, each ship in turn takes the best of its own for what all others miss.
+    """
+    missed = [heard.missed(hearer, some, COARSE) for hearer, some in zip(hearers, tried, strict=True)]
+    best, found = -math.inf, [0] * len(tried)
+    alone = (1 - missed[0]).reshape(len(tried[0]), -1) @ (weight[:, None] * hearers[0].chances).ravel()
+    for first in np.argsort(-alone, kind="stable")[: STARTS if len(tried) > 1 else 1].tolist():
+        taken: list[int | None] = [first] + [None] * (len(tried) - 1)
+        value = 0.0
+        for _ in range(TURNS):
+            for k in (*range(1, len(tried)), 0):
+                own = [None if at is None else missed[j][at] for j, at in enumerate(taken)]
+                left = (weight[:, None] * besides(hearers, own, k)).ravel()
+                values = missed[k].reshape(len(tried[k]), -1) @ left
+                taken[k], value = int(np.argmin(values)), float(weight.sum() - values.min())
+        if value > best:
+            best, found = value, [at for at in taken if at is not None]
+    return [some.take(np.array([at])) for some, at in zip(tried, found, strict=True)]
+
+
 def _sampled(tracks: Tracks, count: int) -> Tracks:
     return tracks if count >= tracks.m else planning_tracks.sample(tracks, count)
 
 
-def _mean(missed: Array, chances: Array) -> Array:
-    """Return misses (.., factors) averaged over the unknown, float64."""
-    return np.asarray(missed.astype(np.float64) @ chances)
+def besides(hearers: Sequence[Hearer], missed: Sequence[Array | None], number: int) -> Array:
+    """Return the probability that all arrays but one miss each particle, with each value of that one's unknown (m, factors).
+
+    missed: of each array, (m, factors); None: it is nowhere. Arrays of one key share an unknown, which is averaged after
+    multiplying; the chances of that array's values are in what is returned.
+    """
+    keys = [unknown.key(hearer.sea.tow.sensor) for hearer in hearers]
+    whole, own = np.ones((hearers[number].tracks.m, 1)), hearers[number].chances
+    for key in dict.fromkeys(keys):
+        members = [k for k, other in enumerate(keys) if other == key]
+        part = np.ones((len(whole), hearers[members[0]].chances.size))
+        for k in members:
+            one = missed[k]
+            if k != number and one is not None:
+                part *= one
+        if key == keys[number]:
+            own = part * own
+        else:
+            whole *= (part @ hearers[members[0]].chances)[:, None]
+    return np.asarray(whole * own)
 
 
-def worth(hearer: Hearer, some: Ways, weight: Array, part: float) -> Array:
-    """Return the weight that each way hears, float64 (c,); weight: (m,)."""
-    return np.asarray((1 - _mean(heard.missed(hearer, some, part), hearer.chances)) @ weight)
+def together(hearers: Sequence[Hearer], missed: Sequence[Array]) -> Array:
+    """Return the probability that all arrays miss each particle (m,); missed: of each, (m, factors)."""
+    return np.asarray((besides(hearers, missed, 0) * missed[0]).sum(axis=1))
 
 
-def _tried(sea: Sea, hearer: Hearer, time: Array, seed: int, many: int = TRIED) -> Ways:
+def worth(hearer: Hearer, some: Ways, weight: Array, share: float) -> Array:
+    """Return the weight that each way hears, float64 (c,).
+
+    weight: with the chances of its unknown's values in it, (m, factors); share: as heard.missed takes it.
+    """
+    return np.asarray((1 - heard.missed(hearer, some, share)).reshape(len(some), -1) @ weight.ravel())
+
+
+def _tried(sea: Sea, time: Array, seed: int, many: int = TRIED) -> Ways:
     """Return ways that are possible, spread over all of them; raise ValueError where none is found."""
     points = qmc.Halton(5, seed=seed).random(16 * many)
     west, south, east, north = sea.begins.shape.bounds
@@ -157,17 +208,13 @@ def _refined(sea: Sea, every: Sequence[Hearer], weights: Sequence[Array], begun:
     west, south, east, north = sea.begins.shape.bounds
     size = math.sqrt((east - west) * (north - south))
     scale = np.array([STEPS[0] * size, math.radians(STEPS[1]), STEPS[2]])
-    values = worth(every[0], kept, weights[0], COARSE)
-    for stage, (_, many, rounds) in enumerate(STAGES):
-        part = COARSE if stage == 0 else FINE
-        if stage > 0:
-            values = worth(every[stage], kept, weights[stage], part)
-        kept, values = _best(kept, values, many)
+    for stage, (_, many, rounds, share) in enumerate(STAGES):
+        kept, values = _best(kept, worth(every[stage], kept, weights[stage], share), many)
         for _ in range(rounds):
             moved, of = _moved(sea, kept, scale)
             good = ways.possible(sea, moved, every[stage].tracks.time)
             moved, of = moved.take(np.flatnonzero(good)), of[good]
-            found = worth(every[stage], moved, weights[stage], part) if len(moved) else np.empty(0)
+            found = worth(every[stage], moved, weights[stage], share) if len(moved) else np.empty(0)
             better = False
             for k in range(len(kept)):
                 own = np.flatnonzero(of == k)
@@ -177,7 +224,7 @@ def _refined(sea: Sea, every: Sequence[Hearer], weights: Sequence[Array], begun:
                     kept = _with(kept, k, moved, int(best))
             if not better:
                 scale = scale / 2
-        scale = scale / 2
+        scale = scale / 2 if rounds else scale
     kept, _ = _best(kept, values, POOL)
     return [kept.take(np.array([k])) for k in range(len(kept))]
 
@@ -227,11 +274,12 @@ def _moved(sea: Sea, some: Ways, scale: Array) -> tuple[Ways, Array]:
 
 
 def _value(every: Sequence[Sequence[Hearer]], chosen: Sequence[Ways | None], level: Tracks) -> float:
-    missed = np.ones(level.m)
-    for hearers, way in zip(every, chosen, strict=True):
-        if way is not None:
-            missed *= _mean(heard.missed(hearers[-1], way, FINE)[0], hearers[-1].chances)
-    return float((1 - missed) @ level.weight)
+    some = [
+        (own[-1], heard.missed(own[-1], way, FINE)[0])
+        for own, way in zip(every, chosen, strict=True)
+        if way is not None
+    ]
+    return float((1 - together(*zip(*some, strict=True))) @ level.weight)
 
 
 def _placement(
@@ -243,27 +291,23 @@ def _placement(
 ) -> Placement:
     """Return the plan of chosen ways, with what each is worth and what others would be."""
     last = [hearers[-1] for hearers in every]
-    own = [_mean(heard.missed(hearer, way, FINE)[0], hearer.chances) for hearer, way in zip(last, chosen, strict=True)]
-    whole = np.prod(own, axis=0)
+    own = [heard.missed(hearer, way, FINE)[0] for hearer, way in zip(last, chosen, strict=True)]
+    whole = together(last, own)
     value = float((1 - whole) @ level.weight)
     error = math.sqrt(max(float(((1 - whole - value) ** 2) @ level.weight**2), 0.0))
     placed = []
-    for k, (sea, way) in enumerate(zip(seas, chosen, strict=True)):
-        rest = np.prod([m for j, m in enumerate(own) if j != k], axis=0) if len(own) > 1 else np.ones(level.m)
-        placed.append(Placed(sea, way, float((1 - own[k]) @ level.weight), float((rest - whole) @ level.weight)))
     others: list[tuple[str, float]] = []
-    for k, pool in enumerate(pools):
-        if len(pool) > 1:
-            rest = np.prod([m for j, m in enumerate(own) if j != k], axis=0) if len(own) > 1 else np.ones(level.m)
-            next_best = _mean(heard.missed(last[k], pool[1], FINE)[0], last[k].chances)
-            others.append((f"{seas[k].tow.name} on its next best way", float((1 - rest * next_best) @ level.weight)))
-        begins = _middle(seas[k], level.time)
+    for k, (sea, way) in enumerate(zip(seas, chosen, strict=True)):
+        rest = besides(last, own, k)
+        alone = float((1 - own[k] @ last[k].chances) @ level.weight)
+        placed.append(Placed(sea, way, alone, float((rest.sum(axis=1) - whole) @ level.weight)))
+        instead = [(f"{sea.tow.name} on its next best way", pools[k][1])] if len(pools[k]) > 1 else []
+        begins = _middle(sea, level.time)
         if begins is not None:
-            rest = np.prod([m for j, m in enumerate(own) if j != k], axis=0) if len(own) > 1 else np.ones(level.m)
-            there = _mean(heard.missed(last[k], begins, FINE)[0], last[k].chances)
-            others.append(
-                (f"{seas[k].tow.name} from the middle of its area on", float((1 - rest * there) @ level.weight))
-            )
+            instead.append((f"{sea.tow.name} from the middle of its area on", begins))
+        for name, other in instead:
+            left = (rest * heard.missed(last[k], other, FINE)[0]).sum(axis=1)
+            others.append((name, float((1 - left) @ level.weight)))
     return Placement(tuple(placed), value, error, level.m, tuple(others))
 
 

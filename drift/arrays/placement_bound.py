@@ -53,10 +53,10 @@ def bound(seas: Sequence[Sea], tracks: Tracks, plan: Placement) -> Bound:
     some = planning_tracks.coarser(tracks, placement.BINS)
     some = some if some.m <= PARTICLES else planning_tracks.sample(some, PARTICLES)
     hearers = [heard.hearer(sea, some) for sea in seas]
-    missed = np.ones(some.m)
-    for hearer, placed in zip(hearers, plan.placed, strict=True):
-        missed *= heard.missed(hearer, placed.way, placement.FINE)[0].astype(np.float64) @ hearer.chances
-    own = float((1 - missed) @ some.weight)
+    missed = [
+        heard.missed(own, placed.way, placement.FINE)[0] for own, placed in zip(hearers, plan.placed, strict=True)
+    ]
+    own = float((1 - placement.together(hearers, missed)) @ some.weight)
     found = [_relaxed(hearers, some, many) for many in SLOTS if many <= some.bins]
     value, cell, slots = min(found)
     return Bound(max(value, own), own, some.m, cell, slots)
@@ -66,7 +66,8 @@ def _relaxed(hearers: Sequence[Hearer], some: Tracks, many: int) -> tuple[float,
     """Return the bound with so many slots, the side of its cells [m], and the number of slots."""
     first = np.unique(np.rint(np.linspace(0, some.bins, many + 1)).astype(int))
     arrays = [_Array.of(hearer, some, first) for hearer in hearers]
-    # Each value of an unknown is a particle of its own: one unknown is averaged for each array, which bounds no less.
+    # Each value of an unknown is a particle of its own, averaged for each array by itself: arrays that share one miss together
+    # the oftener (Chebyshev's inequality), so that this bounds no less.
     total, weight = [np.zeros((some.m, hearer.chances.size)) for hearer in hearers], some.weight
     best = math.inf
     for step in range(STEPS):

@@ -60,7 +60,6 @@ def text(plan: Any, title: str, run: str) -> str:
         f"POD: that any of them hears the target by {notation.group(plan.until)}.",
         f"{RELAXED}; {plan.bound.slots} slots, cells of {plan.bound.cell / NMI:.0f} nmi.",
         "Alternatives are worth what they are on the particles on which the plan was made.",
-        "Arrays that share an unknown are planned as if each had its own; what the plan is worth knows that it is one.",
     ):
         lines += _fill(note, 3)
     return "\n".join(lines) + "\n"

@@ -197,7 +197,7 @@ def key(sorties: Sequence[Sortie], contacts: Sequence[Contact], scale: float = 1
     if any(sortie.area is not None for sortie in sorties):
         rows.append((symbol(AREA), "Searched area"))
     if any(sortie.legs is not None and any(sortie.legs.searching) and not _stands(sortie) for sortie in sorties):
-        rows.append((symbol(LEGS), "Legs as flown"))
+        rows.append((symbol(LEGS), "Legs as planned" if all(s.planned for s in sorties) else "Legs as flown"))
     if any(sortie.legs is not None and not all(sortie.legs.searching) for sortie in sorties):
         rows.append((symbol(TRANSIT), "Not searching"))
     if any(sortie.watch is not None for sortie in sorties):

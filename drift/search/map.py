@@ -141,7 +141,13 @@ def _sheet(width: float, height: float) -> Sheet:
 def _contents(sorties: Sequence[Sortie], page: int, numbered: bool, contacts: bool, particles: int | None) -> str:
     """Return in a line what a page shows."""
     many = len(sorties)
-    parts = [f"{many} sorties that found nothing, in order of start" if many > 1 else "One sortie that found nothing"]
+    if all(sortie.planned and sortie.sensor is not None for sortie in sorties):
+        parts = [f"{many} towed arrays as planned, and what is left if they hear nothing"]
+        parts = parts if many > 1 else ["A towed array as planned, and what is left if it hears nothing"]
+    else:
+        parts = [
+            f"{many} sorties that found nothing, in order of start" if many > 1 else "One sortie that found nothing"
+        ]
     if many > A_PAGE:
         parts.insert(0, f"Page {page} of {pages(sorties)}")
     if numbered:

@@ -1,5 +1,6 @@
 """Where arrays are towed: against brute force, and the bound against plans made to beat it."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -83,7 +84,7 @@ def test_no_way_of_a_fine_grid_is_better(seed):
     plan = placement.place([sea], some, seed)
     hearer = heard.hearer(sea, some)
     every = grid(sea, 9, 12, some.time)
-    best = placement.worth(hearer, every, some.weight, placement.FINE).max()
+    best = placement.worth(hearer, every, some.weight[:, None], placement.FINE).max()
     assert plan.value >= 0.99 * best
 
 
@@ -95,7 +96,7 @@ def test_what_a_way_hears_is_what_the_search_hears():
     lon, lat = sphere.destination(*sea.middle, np.array([20 * NMI]), np.array([-9 * NMI]))
     way = Ways(lon, lat, np.array([2.1]), np.array([2.9]), np.array([0.4]))
     hearer = heard.hearer(sea, some)
-    ours = heard.missed(hearer, way, 100.0)[0]
+    ours = heard.missed(hearer, way, 0.0, 100.0)[0]
     at = [x[0] for x in ways.at(sea, way, some.time)]
     sees, rate = own.sensor.sees, 1 / 3600
     told = np.empty(ours.shape)
@@ -166,6 +167,30 @@ def test_two_ships_share_the_work():
     assert plan.value >= 0.99 * best
 
 
+def test_arrays_of_one_group_share_an_unknown():
+    """Against sums over the values of each group's unknown, written out; and a plan is worth what these say."""
+    some = tracks(7, m=40)
+    of = {"a": 3.0, "b": 2.0}
+    seas = [
+        ways.sea(
+            ship(7, name, sensor=Sensor("array", sonar(7, unknown=of[group]), group=group)), BEGIN, BEGIN + 18 * 3600
+        )
+        for name, group in (("one", "a"), ("two", "b"), ("three", "a"))
+    ]
+    hearers = [heard.hearer(sea, some) for sea in seas]
+    rng = np.random.default_rng(7)
+    missed = [rng.uniform(0, 1, (some.m, hearer.chances.size)) for hearer in hearers]
+    told = np.zeros(some.m)
+    for (f, p), (g, q) in itertools.product(*(list(enumerate(hearer.chances)) for hearer in hearers[:2])):
+        told += p * q * missed[0][:, f] * missed[1][:, g] * missed[2][:, f]
+    assert placement.together(hearers, missed) == pytest.approx(told, rel=1e-12)
+    for number in range(3):
+        rest = placement.besides(hearers, [*missed[:number], None, *missed[number + 1 :]], number)
+        assert (rest * missed[number]).sum(axis=1) == pytest.approx(told, rel=1e-12)
+    apart = np.prod([own @ hearer.chances for own, hearer in zip(missed, hearers, strict=True)], axis=0)
+    assert np.abs(apart - told).max() > 0.01
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_bound_holds_against_what_is_better_than_any_ship(seed):
     """A ship that jumps at each slot to the best of all places still hears no more than the bound says."""
@@ -176,7 +201,7 @@ def test_bound_holds_against_what_is_better_than_any_ship(seed):
     assert found.plan <= found.value
     hearer = heard.hearer(sea, planning_tracks.coarser(some, placement.BINS))
     every = grid(sea, 9, 12, some.time)
-    assert placement.worth(hearer, every, hearer.tracks.weight, placement.FINE).max() <= found.value
+    assert placement.worth(hearer, every, hearer.tracks.weight[:, None], placement.FINE).max() <= found.value
 
 
 def test_a_bound_that_says_something():
