@@ -46,6 +46,7 @@ class ProcessingPlan:
     standard_error: float  # of `pod`, as a mean over particles
     particles: int  # of which it is told
     made_on: int  # particles on which beams were chosen
+    towed: ArrayPlan | None = None  # of the ships that were placed first
 
 
 @in_turn
@@ -90,7 +91,7 @@ def allocate(
         ahead = planner.ahead(towed)
         if job.out is not None:
             chapters.append(tow_chapter.chapter(planner.matter(job, towed, executed, result)))
-        plan = _allocated(job, asked)
+        plan = replace(_allocated(job, asked), towed=towed)
     else:
         plan = _allocated(job, asked)
         executed = _shown(case)

@@ -48,7 +48,7 @@ def plan(given: argparse.Namespace) -> Answer:
         options |= take.scale(given)
         with cluster.connected(given.workers, given.cluster) as client:
             if case.processing:
-                from drift.arrays import processing_plan, processing_text
+                from drift.arrays import placement_text, processing_plan, processing_text
 
                 processed, _ = processing_plan.allocate(case, out, client=client, **options)
             elif case.tows:
@@ -61,10 +61,14 @@ def plan(given: argparse.Namespace) -> Answer:
             else:
                 search_plan, _ = planner.plan(case, out, client=client, **options)
     if case.processing:
+        told, numbers = processing_text.facts(processed), processing_text.plan_numbers(processed)
         line = f"Plan of processing in {out / 'processing.txt'}, all results in {out}"
-        return Answer(
-            case.title, processing_text.facts(processed), (line,), processing_text.plan_numbers(processed), out
-        )
+        if processed.towed is not None:
+            towed = placement_text.facts(processed.towed)
+            told = {"towed arrays": towed.pop("plan")} | towed | {"processing": told.pop("plan")} | told
+            numbers = {"arrays": placement_text.numbers(processed.towed)} | numbers
+            line = f"Plan of towed arrays in {out / 'arrays.txt'}, of processing in {out / 'processing.txt'}, all results in {out}"
+        return Answer(case.title, told, (line,), numbers, out)
     if case.tows:
         line = f"Plan in {out / 'arrays.txt'}, all results in {out}"
         return Answer(case.title, placement_text.facts(arrays), (line,), placement_text.numbers(arrays), out)

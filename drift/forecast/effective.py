@@ -149,21 +149,28 @@ def parts(data: Any, time: int) -> list[str]:
     statuses = zip(
         output["status"].values, output["status_probability"].values, output["status_effective"].values, strict=True
     )
-    named = [(PARTS[str(name)], p, n) for name, p, n in statuses if str(name) in PARTS]
+    named = [(PARTS[str(name)], float(p), float(n)) for name, p, n in statuses if str(name) in PARTS]
+    rough = [(name, share, n) for name, share, n in named if share >= PART * mapped and Count(n).few]
     if output.sizes["scenario"] > 1 and "effective_worlds" not in data:  # classes of objects are no stories
         shares = output["probability_by_scenario"].sum(["lat", "lon"]).values
         alone = list(likeliest.of(data["scenario_probability"].values).alone)
         names, counts = output["scenario"].values[alone], output["scenario_effective"].values[alone]
-        of = zip(names, shares[: len(alone)], counts, strict=True)
-        named += [(f'of scenario "{name}"', p, n) for name, p, n in of]
-    for name, share, many in named:
-        count = Count(float(many))
-        if share >= PART * mapped and count.few:
-            sentences.append(
-                f"{sentence(count, name, 'what is said of these alone is rough')} "
-                f"({100 * share:.0f} % of the probability)"
-            )
+        of = [(str(a), float(b), float(c)) for a, b, c in zip(names, shares[: len(alone)], counts, strict=True)]
+        stories = [story for story in of if story[1] >= PART * mapped and Count(story[2]).few]
+        if len(stories) == 1:
+            rough += [(f'of scenario "{stories[0][0]}"', *stories[0][1:])]
+        elif stories:  # one line for them all
+            name, _, n = min(stories, key=lambda story: story[2])
+            rough += [(f'of scenario "{name}"{_others(len(stories) - 1)}', sum(share for _, share, _ in stories), n)]
+    for name, share, n in rough:
+        sentences.append(
+            f"{sentence(Count(n), name, 'what is said of these alone is rough')} ({100 * share:.0f} % of the probability)"
+        )
     return sentences
+
+
+def _others(many: int) -> str:
+    return f", and few of {many} other{'s' if many > 1 else ''}"
 
 
 def of_run(data: Any, particles: int, since: np.datetime64 | None = None, left: float = 0.0) -> list[str]:

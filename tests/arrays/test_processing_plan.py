@@ -195,6 +195,7 @@ def test_ships_of_the_same_plan_are_placed_first(tmp_path):
     case = load(tmp_path, changed(("[plan]", ship), ('["west", "east"]', '["west", "tail"]')))
     plan, result = drift.allocate(case, tmp_path / "out")
     assert plan.names.arrays == ("west", "tail")
+    assert [one.sea.tow.name for one in plan.towed.placement.placed] == ["ship"]
     legs = result.updates.sorties[0].legs
     assert legs.time[-1] - legs.time[0] <= 2 * 3600
     begin = (np.datetime64(round(legs.time[0]), "s") - case.plan.begin) / np.timedelta64(1, "h")

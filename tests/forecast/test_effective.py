@@ -209,6 +209,22 @@ def test_a_part_that_stands_on_few_is_told():
     assert float(row["effective_particles"]) == pytest.approx(20)
 
 
+def test_stories_that_stand_on_few_are_one_line():
+    """Fifths of the probability on 60, 50 and 80 particles of three stories, the rest on many of a fourth."""
+    n = 50_000
+    lon, lat = cloud(n=n)
+    scenario = np.full(n, 3, np.int32)
+    weight = np.full(n, 0.4 / (n - 190))
+    for story, (begin, many) in enumerate([(0, 60), (60, 50), (110, 80)]):
+        scenario[begin : begin + many], weight[begin : begin + many] = story, 0.2 / many
+    one = snapshot(lon, lat, weight, 0, np.zeros(n, np.int32), scenario)
+    made = forecast_build.build([one], scenarios=["a", "b", "c", "d"])
+    assert effective.of_run(made.data, n) == [
+        'only 50 particles count of scenario "b", and few of 2 others: what is said of these alone is rough (60 % of the '
+        "probability)"
+    ]
+
+
 def two(lon, lat, east, north, share):
     """Return a forecast of a cloud with a share of the probability some way off [m], and where that lies [deg]."""
     rng = np.random.default_rng(4)
