@@ -147,11 +147,13 @@ class Column(ti.ScalarNdarray):
     the time of making one.
     """
 
-    def __init__(self, dtype, n: int) -> None:
+    def __init__(self, dtype, n: int, zeroed: bool = True) -> None:
         ti.Ndarray.__init__(self)
         self.dtype = self.element_type = dtype
         program = impl.get_runtime().prog
-        self.arr = program.create_ndarray(dtype, (n,), layout=Layout.NULL, zero_fill=True, dbg_info=core.DebugInfo(""))
+        self.arr = program.create_ndarray(
+            dtype, (n,), layout=Layout.NULL, zero_fill=zeroed, dbg_info=core.DebugInfo("")
+        )
         self.shape = (n,)
         self._host: np.ndarray | None = None
 
@@ -227,10 +229,17 @@ def upload(values: np.ndarray) -> ti.Ndarray:
     return device
 
 
-def copy(values: ti.Ndarray) -> ti.Ndarray:
-    """Return a copy of a device array of scalars."""
-    fresh = empty(values.shape[0], values.dtype)
-    fresh.copy_from(values)
+def copy(values: Column, into: Column | None = None) -> Column:
+    """Return a copy of a device array of scalars; into: an earlier one, in whose place it is made where that is as large.
+
+    New memory costs more than what is copied into it.
+    """
+    fits = into is not None and into.shape == values.shape and into.dtype == values.dtype
+    fresh = into if fits else Column(values.dtype, values.shape[0], zeroed=False)
+    if _started.get("backend") == "cpu":
+        fresh._memory()[:] = values._memory()
+    else:
+        fresh.copy_from(values)
     return fresh
 
 

@@ -94,6 +94,7 @@ class Helm:
         self._parts: dict[tuple[int, ...], Helm] = {}
         self._of = weakref.ref(whole or self)  # a cycle of these would keep the columns until garbage is collected
         self._noted = False  # whether the pieces of way of the step last kept are in the room
+        self._kept: dict[str, Device] = {}
 
     @property
     def _whole(self) -> "Helm":
@@ -189,9 +190,14 @@ class Helm:
         self._move(step)
 
     def keep(self) -> dict[str, Device]:
-        """Return the columns as they are now, from which ways inside the step that comes are made again."""
+        """Return the columns as they are now, from which ways inside the step that comes are made again.
+
+        They hold until the columns of another step are kept.
+        """
         self._noted = False
-        return {name: runtime.copy(column) for name, column in columns(self._ensemble).items()}
+        own = columns(self._ensemble)
+        self._kept = {name: runtime.copy(column, self._kept.get(name)) for name, column in own.items()}
+        return self._kept
 
     @cached_property
     def _room(self) -> Room:
