@@ -73,7 +73,7 @@ def brute(sea: Sea, tracks: Tracks) -> float:
     last = placement._sampled(planning_tracks.coarser(tracks, placement.BINS), placement.STAGES[-1][0])
     few = planning_tracks.sample(last, 600)
     west, south, east, north = sea.begins.shape.bounds
-    share = np.linspace(0, 1, 13)
+    share = np.linspace(1e-3, 1 - 1e-3, 13)  # what lies on the edge of the area counts as outside
     x, y, course = (
         v.ravel()
         for v in np.meshgrid(

@@ -67,7 +67,7 @@ def ship(seed, name="ship", where=(-70, -60, 55, 65), **more):
 def grid(sea, side, courses, time):
     """Return straight ways from a grid of begins on evenly spread courses, those that are possible."""
     west, south, east, north = sea.begins.shape.bounds
-    share = np.linspace(0, 1, side)
+    share = np.linspace(1e-3, 1 - 1e-3, side)  # what lies on the edge of the area counts as outside
     x, y, course = np.meshgrid(
         west + (east - west) * share, south + (north - south) * share, np.arange(courses) * 2 * math.pi / courses
     )
