@@ -113,7 +113,7 @@ def _missed(
                     else:
                         silence = jumps.settled(silence, sonar.rate, lasting)
             if beam >= 0:
-                log[beam * m + i] = silence.log
+                log[beam * m + i] = jumps.log_missed(silence)
 
 
 class Course(NamedTuple):

@@ -185,7 +185,7 @@ def ear(stretch: Stretch, pods: Pods) -> Any:
     place, to = (stretch.place, stretch.to) if pods.kind == ROUND else (pods.middle, pods.middle)
     return Ear(
         lon=place[0], lat=place[1], to_lon=to[0], to_lat=to[1], begin=stretch.begin, end=stretch.end, rays=rays,
-        rings=rings, nearest=pods.nearest, between=pods.between, dense=1.0 / pods.between, sides=1, paces=1, spread=1.0, unit=1.0, rate=pods.rate,
+        rings=rings, nearest=pods.nearest, between=pods.between, dense=1.0 / pods.between, paces=1, spread=1.0, unit=1.0, rate=pods.rate,
         turns=1, reach=0.0, moves=0.0, cell_lon=pods.cell[0], cell_lat=pods.cell[1],
     )  # fmt: skip
 

@@ -26,21 +26,31 @@ QUIET = (
 )  # deviations of the fluctuation below which nothing is heard: p is 6e-8, less than float32 tells from 0 beside 1
 EVEN = 1e-5  # share by which steps may differ and count as forgotten
 HIGH = 4.0  # what is added to all steps is at most this when one is added: the new one's 0 is known to 4 * 6e-8
+LEAST = 1e-18  # what a cut leaves is at least this: float32 holds the product of two
 FADED = 1e-4  # and what they are multiplied by is at least this
 
 Steps = ti.types.vector(STAIRS, ti.f32)
 
 # What is known of a target of which nothing has been heard. A step goes from its own edge to that of the step before, the
 # first to 1; the last edge is p now. The height of a step is `faded` * `held` + `anew`, in units in which M is 1.
-Silence = ti.types.struct(log=ti.f32, many=ti.i32, edge=Steps, held=Steps, faded=ti.f32, anew=ti.f32)
+# The log of M is `log` + log(`left`).
+Silence = ti.types.struct(
+    log=ti.f32, left=ti.f32, many=ti.i32, edge=Steps, held=Steps, faded=ti.f32, anew=ti.f32
+)  # fmt: skip
 
 
 @ti.func
 def at_first() -> Silence:
     """Return the silence before a target could be heard: its log probability is 0."""
-    silence = Silence(log=0.0, many=1, edge=Steps(0.0), held=Steps(0.0), faded=1.0, anew=0.0)
+    silence = Silence(log=0.0, left=1.0, many=1, edge=Steps(0.0), held=Steps(0.0), faded=1.0, anew=0.0)
     silence.held[0] = 1.0
     return silence
+
+
+@ti.func
+def log_missed(silence: ti.template()) -> ti.f32:
+    """Return the log of the probability of having heard nothing."""
+    return silence.log + ti.log(silence.left)
 
 
 @ti.func
@@ -97,14 +107,17 @@ def _cut(silence: ti.template(), p: ti.f32):
             edge = silence.edge[j] if j < m - 1 else p
             left += (silence.faded * silence.held[j] + silence.anew) * (above - edge)
             above = edge
-        left = ti.max(left, 1e-37)
+        left = ti.max(left, LEAST)
         silence.many = m
         silence.faded /= left
         silence.anew /= left
     else:
         left = (1.0 - p) / (1.0 - silence.edge[0])
     silence.edge[silence.many - 1] = p
-    silence.log += ti.log(left)
+    silence.left *= left
+    if silence.left < LEAST:
+        silence.log += ti.log(silence.left)
+        silence.left = 1.0
 
 
 @ti.func
@@ -131,12 +144,13 @@ def go_on(silence: ti.template(), chance_: ti.f32, rate: ti.f32, lasting: ti.f32
     if silence.many > 1:
         jumps = rate * lasting
         x = jumps * (1.0 - p)
-        kept = ti.exp(-x)
-        anew = (1.0 - kept) / (1.0 - p)
-        if x < 1e-2:  # where 1 - kept cancels; the rest is below x^3 / 24
-            anew = jumps * (1.0 - x * (0.5 - x * ti.f32(1 / 6)))
+        # (1 - e^-x) / x; where 1 - e^-x cancels by its series, whose rest is below x^4 / 120.
+        each = 1.0 - x * (0.5 - x * (ti.f32(1 / 6) - x * ti.f32(1 / 24)))
+        if x > 0.05:
+            each = (1.0 - ti.exp(-x)) / x
+        kept = 1.0 - x * each
         silence.faded *= kept
-        silence.anew = silence.anew * kept + anew
+        silence.anew = silence.anew * kept + jumps * each
 
 
 @ti.func
@@ -151,18 +165,30 @@ def settle(silence: ti.template(), rate: ti.f32, lasting: ti.f32):
 
 @ti.func
 def chance(deviations: ti.f32) -> ti.f32:
-    """Return the probability that a standard normal number is below a number, error 3e-7.
+    """Return the probability that a standard normal number is below a number, error 2e-7.
 
-    erfc by Press et al. 1992, Numerical Recipes, section 6.2: relative error 1.2e-7, beside that of an exponent of up to 15.
+    Abramowitz and Stegun 1964, Handbook of Mathematical Functions, eq. 26.2.17: 7.5e-8 and what float32 rounds. Its
+    polynomial and its exponential do not wait for each other.
     """
-    z = ti.abs(deviations) * 0.7071067811865476
-    t = 1.0 / (1.0 + 0.5 * z)
-    p = -0.82215223 + t * 0.17087277
-    p = -1.13520398 + t * (1.48851587 + t * p)
-    p = -0.18628806 + t * (0.27886807 + t * p)
-    p = 0.37409196 + t * (0.09678418 + t * p)
-    half = 0.5 * t * ti.exp(-1.26551223 + t * (1.00002368 + t * p) - z * z)
-    return ti.select(deviations > 0.0, 1.0 - half, half)
+    z = ti.abs(deviations)
+    t = 1.0 / (1.0 + 0.2316419 * z)
+    tt = t * t
+    p = (0.31938153 - 0.356563782 * t) + tt * ((1.781477937 - 1.821255978 * t) + tt * 1.330274429)
+    beyond = 0.3989422804014327 * t * p * _exp(ti.max(-0.5 * z * z, -80.0))
+    return ti.select(deviations > 0.0, 1.0 - beyond, beyond)
+
+
+@ti.func
+def _exp(x: ti.f32) -> ti.f32:
+    """Return e^x for -80 <= x <= 0, relative error 2e-7, without a call of libm.
+
+    e^x = 2^n e^r with |r| at most half of log 2, by a polynomial fitted there to 1e-8.
+    """
+    n = ti.floor(x * 1.4426950408889634 + 0.5)
+    r = (x - n * 0.693359375) + n * 2.12194440e-4  # n log 2 in two parts, so that nothing is lost
+    rr = r * r
+    e = (1.0 + r) + rr * ((0.5 + r * 0.16666577) + rr * (0.04166646 + r * 0.00836318 + rr * 0.00139336))
+    return e * ti.bit_cast((ti.cast(n, ti.i32) + 127) << 23, ti.f32)
 
 
 @ti.func

@@ -2,10 +2,10 @@
 
 Its signal excess depends on bearing and range. Particles and sonar go straight within a step; the vector from the sonar to
 a particle is exact at both ends of a stretch of way, and straight in between. A stretch is taken in parts, on either side of
-its nearest point, with the excess at their ends (the trapezium rule). How long they may be the tables say: by how much they go
-up and down on the way bounds what the excess can be between the ends of a part. See `hear`.
+its nearest point, with the excess at their ends (the trapezium rule). How long they may be the tables say: see `limits`.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,21 +16,20 @@ from kernels.batch import Batch
 from kernels.coast import Ints, Reals
 from kernels.jumps import STAIRS, Silence
 
-STEEP = 2.0  # [dB] by which the excess may change within a part
-HIDDEN = 0.2  # [dB] by which it may at the most be higher within a part than at its ends
-SOFT = (
-    -1.5
-)  # deviations of the fluctuation; what is this much weaker or more counts less: both limits grow in proportion
+STEEP = 2.0  # [dB] by which losses, and gains, may change within a part
+HIDDEN = 0.4  # [dB] by which they may be better within a part than at its ends
 FINE = 400.0  # [m] but parts need not be shorter than this, nor than half of what the table of losses resolves,
 NARROW = 0.025  # but for what comes near: they need not be shorter than this share of the least range
 CLOSE = 40.0  # [m] nor than this
 MOST_PARTS = 256  # of a stretch; and they need not be shorter than its share
+AHEAD = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # rings or bearings that a part is tried to pass, one after the other
+NODES = 16  # ends of parts whose excess is taken before the silence is made to go on: so the processor need not wait
 NOTHING = -1e6  # [dB] excess of what is beyond the table
 MARGIN = 100.0  # [m] by which what is out of reach is farther
 TURN = 6.283185307179586
 
 f32x2 = ti.types.vector(2, ti.f32)
-f32x3 = ti.types.vector(3, ti.f32)
+Nodes = ti.types.vector(NODES, ti.f32)
 HostReals = ti.types.ndarray(dtype=ti.f32, ndim=1)
 
 # What a sonar is like on a stretch of its way: numbers, and where its tables have what.
@@ -46,12 +45,11 @@ Ear = ti.types.struct(
     nearest=ti.f32,  # [m]
     between=ti.f32,  # [m] from ring to ring
     dense=ti.f32,  # [1/m] 1 / between
-    sides=ti.i32,  # bearings of the table of gains, evenly round from north
     paces=ti.i32,  # speeds of the table of levels
     spread=ti.f32,  # [dB] standard deviation of the fluctuation
     unit=ti.f32,  # [1/dB] 1 / spread
     rate=ti.f32,  # [1/s] of its jumps; of a table of POD (kernels.glimpse) 1 / the time for which that is there
-    turns=ti.i32,  # bearings of the table of limits, evenly round from north
+    turns=ti.i32,  # bearings of the table of gains and limits, evenly round from north
     reach=ti.f32,  # [m] beyond which nothing can be heard
     moves=ti.f32,  # [m] as far as it goes on the stretch, or farther
     cell_lon=ti.f32,  # [binary angle] from column to column of a table of POD by place, whose middle is at lon, lat
@@ -68,7 +66,8 @@ def share_of_turn(way: f32x2) -> ti.f32:
     x, y = ti.abs(way[0]), ti.abs(way[1])
     q = ti.min(x, y) / ti.max(ti.max(x, y), 1e-30)
     z = q * q
-    p = 0.9998660 + z * (-0.3302995 + z * (0.1801410 + z * (-0.0851330 + z * 0.0208351)))
+    zz = z * z
+    p = (0.9998660 - z * 0.3302995) + zz * ((0.1801410 - z * 0.0851330) + zz * 0.0208351)
     turn = q * p * ti.f32(1.0 / TURN)
     turn = ti.select(x > y, 0.25 - turn, turn)
     turn = ti.select(way[1] < 0.0, 0.5 - turn, turn)
@@ -100,11 +99,13 @@ def round_table(table: ti.template(), many: ti.i32, stride: ti.i32, at: ti.i32, 
 
 
 @ti.func
-def excess(ear: Ear, losses: ti.template(), gains: ti.template(), limits: ti.template(), way: f32x2) -> f32x3:
-    """Return the signal excess [dB] of a source of 0 dB at (east, north) [m] from a sonar, and two numbers for `change`.
+def excess(
+    ear: Ear, losses: ti.template(), around: ti.template(), limits: ti.template(), way: f32x2, aside: ti.f32
+) -> f32x2:
+    """Return the signal excess [dB] of a source of 0 dB at (east, north) [m] from a sonar, and how long a part may be [m].
 
-    losses: [dB] (rays * rings,); gains: [dB] (sides,), array gain less noise and threshold by true bearing; limits: see
-    `limits`.
+    losses: [dB] (rays + 1, rings), the last row as the first; around: (turns + 1, 2), array gain less noise and threshold
+    [dB] by true bearing, and the last of `limits`. aside: [m] by which its line passes the sonar.
     """
     far = ti.sqrt(way[0] * way[0] + way[1] * way[1])
     ring = ti.max((far - ear.nearest) * ear.dense, 0.0)
@@ -113,16 +114,20 @@ def excess(ear: Ear, losses: ti.template(), gains: ti.template(), limits: ti.tem
     turn = 0.0
     if ear.turns > 1:
         turn = share_of_turn(way)
-    found = f32x3(NOTHING, 0.0, 0.0)
-    found[1] = limits[k] + share * (limits[k + 1] - limits[k])
-    if ear.turns > 1:
-        place = turn * ear.turns
-        j = ti.min(ti.cast(place, ti.i32), ear.turns - 1)
-        at = 2 * ear.rings + j
-        found[2] = limits[at] + (place - j) * (limits[at + 1] - limits[at])
+    place = turn * ear.turns
+    j = ti.min(ti.cast(place, ti.i32), ear.turns - 1)
+    found = f32x2(NOTHING, 0.0)
+    wide = around[2 * j + 1] * far
+    found[1] = ti.min(limits[k], wide * far / (aside + wide + 1e-3))
     if ring <= ear.rings - 1.0:
-        low, high = between(losses, ear.rays, ear.rings, k, turn), between(losses, ear.rays, ear.rings, k + 1, turn)
-        found[0] = ti.max(between(gains, ear.sides, 1, 0, turn) - (low + share * (high - low)), NOTHING)
+        gain = around[2 * j] + (place - j) * (around[2 * j + 2] - around[2 * j])
+        place = turn * ear.rays
+        ray = ti.min(ti.cast(place, ti.i32), ear.rays - 1)
+        at = ray * ear.rings + k
+        low = losses[at] + share * (losses[at + 1] - losses[at])
+        at += ear.rings
+        high = losses[at] + share * (losses[at + 1] - losses[at])
+        found[0] = ti.max(gain - (low + (place - ray) * (high - low)), NOTHING)
     return found
 
 
@@ -157,7 +162,7 @@ def hear(
     quiet: ti.template(),
     ear: Ear,
     losses: ti.template(),
-    gains: ti.template(),
+    around: ti.template(),
     limits: ti.template(),
     a: f32x2,
     b: f32x2,
@@ -168,65 +173,42 @@ def hear(
 
     source: its level, and what else the excess of all of it has in common [dB]; quiet: [s] before, and then at the end,
     in which nothing can be heard and of which the silence does not yet know.
-
-    On either side of the nearest point the range goes one way, and the bearing does so all along. Let the tables go up and
-    down by v dB between the ends of a part (`limits`), at which the excess is e and f. So between them it is at most
-    max(e, f) + (v - |e - f|) / 2. A part is short enough where that is HIDDEN above max(e, f) and |e - f| is STEEP at the
-    most, or where nothing can be heard.
     """
     d = b - a
     dd = d[0] * d[0] + d[1] * d[1]
     nearest = ti.min(ti.max(-(a[0] * d[0] + a[1] * d[1]) / ti.max(dd, 1e-12), 0.0), 1.0)
     at = a + nearest * d
-    far, length = at.norm(), ti.sqrt(dd)
+    far, length = at.norm(), ti.max(ti.sqrt(dd), 1.0)
     if audible(ear, limits, far, source) == 0:
         quiet += lasting
     else:
         fine = ti.min(ti.max(0.5 * ear.between, FINE), ti.max(NARROW * far, CLOSE))
-        least = ti.max(fine / ti.max(length, 1.0), 1.0 / MOST_PARTS)
-        clockwise = a[1] * d[0] - a[0] * d[1] >= 0.0
-        round_ = limits[2 * ear.rings + ear.turns]
-        begin, end, ahead, owed = 0.0, 0.0, 1.0, 0.0
-        one = f32x3(0.0)
-        first = 1
-        while begin < 1.0:
-            other = excess(ear, losses, gains, limits, a + end * d)
-            part = end - begin
-            change, hidden, peak = ti.abs(other[0] - one[0]), 0.0, ti.max(other[0], one[0]) + source
-            if first == 0:
-                turned = other[2] - one[2] if clockwise else one[2] - other[2]
-                if turned < -1e-3:
-                    turned += round_
-                hidden = 0.5 * ti.max(ti.abs(other[1] - one[1]) + ti.max(turned, 0.0) - change, 0.0)
-            deviations = (peak + hidden) * ear.unit
-            rough = ti.max(change * (1.0 / STEEP), hidden * (1.0 / HIDDEN)) / ti.max(SOFT - deviations, 1.0)
-            if first == 1:
-                one, first = other, 0
-            elif deviations <= jumps.QUIET or rough <= 1.0 or part <= 1.31 * least:
-                owed += 0.5 * part
-                dwell(silence, quiet, ear, one[0] + source, owed * lasting)
-                one, begin, owed = other, end, 0.5 * part
-                ahead = part * ti.min(0.8 / ti.max(rough, 1e-3), 4.0) if rough < 0.8 else part
-            else:
-                ahead = part * ti.min(ti.max(0.8 / rough, 0.1), 0.6)
-            ahead = ti.max(ahead, least)
-            stop = nearest if begin < nearest else 1.0
-            end = begin + ahead
-            if end > stop - 0.3 * least:
-                end = stop
-        dwell(silence, quiet, ear, one[0] + source, owed * lasting)
-
-
-@ti.func
-def dwell(silence: ti.template(), quiet: ti.template(), ear: Ear, over: ti.f32, lasting: ti.f32):
-    """Have a silence go on for a while [s] with a signal excess `over` [dB]; quiet: see `hear`."""
-    deviations = over * ear.unit
-    if deviations > jumps.QUIET:
-        jumps.settle(silence, ear.rate, quiet)
-        quiet = 0.0
-        jumps.go_on(silence, jumps.chance(deviations), ear.rate, lasting)
-    else:
-        quiet += lasting
+        unit = 1.0 / length
+        least = ti.max(fine * unit, 1.0 / MOST_PARTS)
+        aside = ti.abs(a[1] * d[0] - a[0] * d[1]) * unit
+        chances, parts = Nodes(0.0), Nodes(0.0)
+        here, before = 0.0, 0.0  # shares of the stretch
+        while here <= 1.0:
+            many = 0
+            while many < NODES and here <= 1.0:
+                there = excess(ear, losses, around, limits, a + here * d, aside)
+                deviations = (there[0] + source) * ear.unit
+                part = ti.max(there[1] * unit, least)
+                stop = nearest if here < nearest else 1.0
+                then = here + part
+                if then > stop - 0.3 * least:
+                    part, then = stop - here, ti.select(here < 1.0, stop, 2.0)
+                chances[many] = ti.select(deviations > jumps.QUIET, jumps.chance(deviations), 0.0)
+                parts[many] = 0.5 * (before + part) * lasting
+                before, here = part, then
+                many += 1
+            for k in range(many):
+                if chances[k] > 0.0:
+                    jumps.settle(silence, ear.rate, quiet)
+                    quiet = 0.0
+                    jumps.go_on(silence, chances[k], ear.rate, parts[k])
+                else:
+                    quiet += parts[k]
 
 
 @ti.func
@@ -257,8 +239,9 @@ def put(
     held: ti.template(),
 ):
     """Write the silence of particle i to its columns, and add its log to that there."""
-    if silence.log < 0.0:
-        log_missed[i] += silence.log
+    log = jumps.log_missed(silence)
+    if log < 0.0:
+        log_missed[i] += log
     many = silence.many
     if silence.edge[0] != 0.0 or edges[i] != 0.0:
         for j in range(many):
@@ -309,7 +292,7 @@ def _drifting(
     duration: ti.i32,
     ear: Ear,
     losses: HostReals,
-    gains: HostReals,
+    around: HostReals,
     levels: HostReals,
     paces: HostReals,
     offsets: HostReals,
@@ -353,7 +336,7 @@ def _drifting(
                         c = sphere.cos_lat(y)
                         speed = ti.sqrt(dx * dx * c * c + dy * dy) * ti.f32(sphere.RADIUS * sphere.UNIT) * pace
                         source = level(levels, paces, scenario[i], speed) + offsets[f]
-                        hear(silence, quiet, ear, losses, gains, limits, a, b, end - begin, source)
+                        hear(silence, quiet, ear, losses, around, limits, a, b, end - begin, source)
                         quiet += ear.end - end
             jumps.settle(silence, ear.rate, quiet)
             put(silence, row, size * many, log_missed, edges, held)
@@ -391,40 +374,74 @@ def columns(n: int, factors: int) -> dict[str, np.ndarray]:
 
 
 def limits(tables: Tables) -> np.ndarray:
-    """Return what the excess of a source of 0 dB can be, and by how much it can change, float32 (2 rings + turns + 1,).
+    """Return how long a part of a stretch may be, and what the excess can be, float32 (2 rings + turns,).
 
-    For each ring, by how much the losses go up and down from the first ring to it, of all bearings the most; for each
-    ring, the highest excess from it on; for each of as many bearings as losses or gains have, and for a turn, by how much
-    they go up and down from north to it, of all ranges the most.
+    For each ring, as far as one may go from between it and the next [m], in or out, so that losses change by no more than
+    STEEP and are nowhere lower by more than HIDDEN than at both ends, on any
+    bearing; for each ring, the highest excess of
+    a source of 0 dB from it on; for each bearing, as far as one may go round [rad] until the same holds for losses and
+    gains. That goes by what lies between entries; where it is nothing, a part is as short as `hear` makes them.
     """
     losses, gains = tables.losses, tables.gains
-    by_range = np.append(0.0, np.cumsum(np.abs(np.diff(losses, axis=1)).max(axis=0), dtype=np.float64))
+    rings, turns = losses.shape[1], _turns(tables)
     best = np.maximum.accumulate((-losses.min(axis=0))[::-1])[::-1].astype(np.float64) + gains.max()
-    turns = _turns(tables)
-    by_bearing = np.zeros(turns + 1)
-    for table in (losses, gains[:, None]):
-        if len(table) > 1:
-            steps = np.abs(np.diff(table, axis=0, append=table[:1])).max(axis=1)
-            known = np.append(0.0, np.cumsum(steps, dtype=np.float64))
-            by_bearing += np.interp(np.arange(turns + 1) / turns, np.arange(len(known)) / len(steps), known)
-    return np.concatenate([by_range, np.maximum(best, NOTHING), by_bearing]).astype(np.float32)
+    longest = _free(np.pad(losses, ((0, 0), (AHEAD[-1], AHEAD[-1] + 1)), "edge"), rings) * tables.between
+    widest = np.full(turns, float(turns))
+    for table in (gains[:, None], losses):
+        many = len(table)
+        if many > 1:
+            rows = np.pad(table.T, ((0, 0), (AHEAD[-1], AHEAD[-1] + 1)), "wrap")
+            own = _free(rows, many) * (turns / many)
+            widest = np.minimum(widest, own[np.arange(turns) * many // turns])
+    return np.concatenate([longest, np.maximum(best, NOTHING), widest * (TURN / turns)]).astype(np.float32)
+
+
+def _free(rows: np.ndarray, many: int) -> np.ndarray:
+    """Return how many entries one may pass from between each and the next, either way, (many,); see `limits`.
+
+    rows: tables side by side, (tables, AHEAD[-1] + many + AHEAD[-1] + 1).
+    """
+    values, first = rows.astype(np.float64), AHEAD[-1]
+    step = np.diff(values, axis=1)
+    # What crosses one entry: of a way of a share of the distance to the next, so much is hidden, and it changes so much.
+    before, after = step[:, :-1], step[:, 1:]
+    turned = np.where(before * after < 0, 0.5 * np.minimum(np.abs(before), np.abs(after)), 0.0).max(axis=0)
+    steep = np.abs(step).max(axis=0)
+    share = 1 / np.maximum(1, np.maximum(turned / HIDDEN, np.maximum(steep[:-1], steep[1:]) / STEEP))
+    found = np.minimum(share[first - 1 : first - 1 + many], share[first : first + many])
+    # What passes more of them.
+    up = np.cumsum(np.abs(np.diff(values, axis=1, prepend=values[:, :1])), axis=1)
+    good = np.ones(many, bool)
+    for ahead in AHEAD:
+        span = ahead + 1
+        change = np.abs(values[:, span:] - values[:, :-span])
+        hidden = 0.5 * (up[:, span:] - up[:, :-span] - change)
+        fits = (change.max(axis=0) <= STEEP) & (hidden.max(axis=0) <= HIDDEN)
+        good &= fits[first : first + many] & fits[first - ahead : first - ahead + many]
+        found[good] = ahead
+    return found
 
 
 def _turns(tables: Tables) -> int:
-    return max(len(tables.losses), len(tables.gains))
+    """Return how many bearings a table has that holds the gains as they are and is no coarser than the losses."""
+    sides = len(tables.gains)
+    return sides * math.ceil(len(tables.losses) / sides)
 
 
 class Laid(NamedTuple):
     """A sonar on a stretch of its way, as kernels take it."""
 
     ear: Any
-    tables: tuple[np.ndarray, ...]  # losses, gains, levels, speeds, offsets, limits, all flat
+    tables: tuple[np.ndarray, ...]  # losses, around (see `excess`), levels, speeds, offsets, limits, all flat
 
 
 def laid(stretch: Stretch, tables: Tables, offsets: np.ndarray) -> Laid:
     """Return a sonar on a stretch; offsets: [dB] (factors,), of the unknown that its group shares."""
     rays, rings = tables.losses.shape
-    own = limits(tables)
+    own, turns = limits(tables), _turns(tables)
+    gains = np.maximum(np.append(tables.gains, tables.gains[0]), NOTHING)
+    gains = np.interp(np.arange(turns + 1) / turns, np.arange(len(gains)) / (len(gains) - 1), gains)
+    around = np.stack([gains, np.append(own[2 * rings :], 0.0)], axis=1)
     # What is audible at its loudest, as far as there is any.
     best = own[rings : 2 * rings] + float(tables.levels.max()) + float(offsets.max())
     audible = int(np.count_nonzero(best > jumps.QUIET * tables.spread))
@@ -433,10 +450,11 @@ def laid(stretch: Stretch, tables: Tables, offsets: np.ndarray) -> Laid:
     ear = Ear(
         lon=stretch.place[0], lat=stretch.place[1], to_lon=stretch.to[0], to_lat=stretch.to[1], begin=stretch.begin,
         end=stretch.end, rays=rays, rings=rings, nearest=tables.nearest, between=tables.between, dense=1.0 / tables.between,
-        sides=len(tables.gains), paces=len(tables.paces), spread=tables.spread, unit=1.0 / tables.spread, rate=tables.rate, turns=_turns(tables),
+        paces=len(tables.paces), spread=tables.spread, unit=1.0 / tables.spread, rate=tables.rate, turns=turns,
         reach=reach, moves=(abs(x) + abs(y)) * sphere.UNIT * sphere.RADIUS, cell_lon=1.0, cell_lat=1.0,
     )  # fmt: skip
-    every = tables.losses, tables.gains, tables.levels, tables.paces, offsets, own
+    losses = np.concatenate([tables.losses, tables.losses[:1]])
+    every = losses, around, tables.levels, tables.paces, offsets, own[: 2 * rings]
     return Laid(ear, tuple(np.ascontiguousarray(x, np.float32).reshape(-1) for x in every))
 
 

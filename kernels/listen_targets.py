@@ -37,7 +37,7 @@ def _steering(
     step: ti.i32,
     ear: Ear,
     losses: HostReals,
-    gains: HostReals,
+    around: HostReals,
     levels: HostReals,
     paces: HostReals,
     offsets: HostReals,
@@ -124,7 +124,7 @@ def _steering(
                                     far = sphere.offset_near(pieces.piece_lon[here], pieces.piece_lat[here], to_x, to_y)
                                     speed = far.norm() / ti.max(whole, 1.0)
                                 source = listen.level(levels, paces, which, speed) + offsets[f]
-                                listen.hear(silence, quiet, ear, losses, gains, limits, a, b, high - low, source)
+                                listen.hear(silence, quiet, ear, losses, around, limits, a, b, high - low, source)
                                 now = high
                             else:
                                 total += glimpse.hazard(kind, ear, losses, a, b, high - low)

@@ -73,9 +73,15 @@ class Room:
 
     def fill(self, write: Callable[[Any], None]) -> None:
         """Have pieces written by what takes the pack, and again with more room until there is enough."""
+        while not self.enough(write):
+            pass
+
+    def enough(self, write: Callable[[Any], None]) -> bool:
+        """Have pieces written by what takes the pack; return whether there was room for all, else make it."""
         self._used.from_numpy(np.array([self._slots], np.int32))
         write(self.pack)
         used = int(self._used.to_numpy()[0])
         if used > self.size:
             self._of(used + used // 8)
-            self.fill(write)
+            return False
+        return True

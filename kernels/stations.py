@@ -130,7 +130,7 @@ def _missed(
                         ) + source  # fmt: skip
                         jumps.hear(silence, over, sonar.spread, sonar.rate, lasting / parts)
                 a, begun = b, 1
-        log[nth] = silence.log
+        log[nth] = jumps.log_missed(silence)
 
 
 @ti.func
@@ -193,7 +193,7 @@ def _best(
                     jumps.settle(silence, sonar.rate, lasting)
             else:
                 jumps.settle(silence, sonar.rate, lasting)
-        hazard[nth] = -silence.log
+        hazard[nth] = -jumps.log_missed(silence)
 
 
 class Swarm(NamedTuple):

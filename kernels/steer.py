@@ -39,6 +39,7 @@ from kernels.itinerary import (
 )
 from kernels.pieces import NONE, Pieces, Room, note
 
+MOVED, NOTED, BOTH = range(3)  # what a launch does with targets
 BIRTH = -(2**31)  # number of the lattice step, as a key, of what is drawn before any step
 MOST_TRIES = 4096  # candidates of a first place, as in kernels.prior
 Longs = ti.types.ndarray(dtype=ti.i64, ndim=1)
@@ -114,9 +115,11 @@ def piece(plan: ti.template(), key: Chance, target: Target, k: ti.f32, until: ti
     if plan.phases[target.phase * PHASE] == COURSE:
         x, y = ways.rhumb(target.lon, target.lat, target.course, target.speed * ti.cast(end - target.time, ti.f32))
     elif end < target.to_time:
-        w = noise.further(key.seed0, key.seed1, noise.STREAM_WAY, key.slot, key.step, key.count)
         dt, rest = ti.cast(end - target.time, ti.f32), ti.cast(target.to_time - end, ti.f32)
-        normal = noise.normals(w[0], w[1])
+        normal = f32x2(0.0)
+        if k > 0.0:
+            w = noise.further(key.seed0, key.seed1, noise.STREAM_WAY, key.slot, key.step, key.count)
+            normal = noise.normals(w[0], w[1])
         x, y = ways.toward(target.lon, target.lat, target.to_lon, target.to_lat, dt, rest, k, normal)
     return x, y, end
 
@@ -203,21 +206,21 @@ def _steer(
     noted: ti.i32,
     pieces: Pieces,
 ):
-    """Move targets, or, if their pieces are to be noted, write these and leave the columns as they are."""
+    """Move targets, or note their pieces and leave the columns as they are, or both; noted: MOVED, NOTED or BOTH."""
     for j in range(first, last):
         i = batch.listed_slot(listed, slots, j)
         end = elapsed + duration
         resting = columns.status[i] == life.ARRIVED or columns.status[i] == life.AGROUND
-        if noted == 1:
+        if noted != MOVED:
             pieces.piece_count[i] = NONE
-        if under_way(columns, i, end) or (noted == 1 and resting):
+        if under_way(columns, i, end) or (noted != MOVED and resting):
             t = loaded(columns, i, elapsed)
             which = columns.scenario[i]
             key = Chance(terms.seed0, terms.seed1, columns.birth[i], i + shift[which], step, 0)
             state, until = life.UNDER_WAY, ti.min(end, columns.release[i])
             if resting:
                 state, t.time, until = columns.status[i], elapsed, end
-            here, met = NONE, -1
+            here, met, stopped = NONE, -1, t.time
             while t.time < until:
                 x, y, time, state_then = t.lon, t.lat, until, state  # it has stopped
                 k = ti.f32(0.0)
@@ -225,7 +228,7 @@ def _steer(
                     key.count += 1
                     k = wanders(plan, key, t)
                     x, y, time, state_then, met = stretch(coastal, plan, key, which, t, k, until, coast)
-                if noted == 1:
+                if noted != MOVED:
                     seen = t
                     dlon, dlat = set_at(t, t.time)
                     seen.lon, seen.lat = t.lon + dlon, t.lat + dlat
@@ -237,12 +240,15 @@ def _steer(
                         state_then = life.ARRIVED
                 else:
                     t.lon, t.lat, t.time = x, y, time
+                if state == life.UNDER_WAY:
+                    stopped = t.time
                 state = state_then
                 if state != life.UNDER_WAY:
-                    until = end if noted == 1 else t.time
-            if noted == 0:
+                    until = end if noted != MOVED else t.time
+            if noted != NOTED and not resting:
+                t.time = stopped
                 if state != life.UNDER_WAY:
-                    columns.status_since[i] = t.time
+                    columns.status_since[i] = stopped
                     if state == life.AGROUND:
                         columns.edge[i] = met
                 _store(columns, i, t)
@@ -448,9 +454,20 @@ def mover(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast 
     See `born`; the function takes a kernels.advance.Step.
     """
     sea = (coast or open_sea()).pack
-    args = (coast is not None, *own.launched, packed(columns), plan, sea, terms(seed, domain), 0, 1, 0, 0, Room(0).pack)
+    none = Room(0).pack
+    args = (coast is not None, *own.launched, packed(columns), plan, sea, terms(seed, domain), 0, 1, 0, MOVED, none)
     move = launch.bind(_steer, args, ("elapsed", "duration", "step"))
     return lambda step: move(step.elapsed, step.duration, step.number)
+
+
+def moved(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, step, room: Room) -> bool:
+    """Move targets as a `mover` does, and write the pieces of way that they make; return whether there was room for all.
+
+    Where there was not, they are moved, and `made` is to be asked for the pieces.
+    """
+    fixed = coast is not None, *own.launched, packed(columns), plan, (coast or open_sea()).pack
+    every = *fixed, Terms(**terms(seed, domain)), step.elapsed, step.duration, step.number, BOTH
+    return room.enough(lambda pack: _steer(*every, pack))
 
 
 def made(before, own: Batch, plan, seed: int, coast: DeviceCoast | None, step, room: Room) -> None:
@@ -459,7 +476,7 @@ def made(before, own: Batch, plan, seed: int, coast: DeviceCoast | None, step, r
     before: the columns at the step's begin, by name, those of COLUMNS. room: for all slots of the ensemble.
     """
     fixed = coast is not None, *own.launched, packed(before), plan, (coast or open_sea()).pack, Terms(**terms(seed))
-    room.fill(lambda pack: _steer(*fixed, step.elapsed, step.duration, step.number, 1, pack))
+    room.fill(lambda pack: _steer(*fixed, step.elapsed, step.duration, step.number, NOTED, pack))
 
 
 def inside(

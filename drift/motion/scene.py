@@ -60,7 +60,7 @@ class Scene:
         if helm:
             helm.feel(self.forcing, step)
             at_helm = helm.keep() if keep else None
-            helm.move(step)
+            helm.move(step, note=keep)
         begin = Begin(runtime.copy(ensemble.lon), runtime.copy(ensemble.lat), at_helm) if keep else None
         for move in self._movers(ensemble, step.direction):
             move(step)

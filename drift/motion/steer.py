@@ -185,9 +185,18 @@ class Helm:
                     forcing.tiles, {"current": ranges}, error.std, error.time, step,
                 )  # fmt: skip
 
-    def move(self, step: kernel.Step) -> None:
-        """Move the targets over a step, each until its distress."""
-        self._move(step)
+    def move(self, step: kernel.Step, note: bool = False) -> None:
+        """Move the targets over a step, each until its distress; note: the pieces of way that they make, too.
+
+        Columns must have been kept, then: they are asked where there is no room for all pieces.
+        """
+        if not note:
+            self._move(step)
+            return
+        e = self._ensemble
+        self._noted = steer.moved(
+            columns(e), self.batch, self.plan, e.seed, self._domain, self._coast, step, self._room
+        )
 
     def keep(self) -> dict[str, Device]:
         """Return the columns as they are now, from which ways inside the step that comes are made again.

@@ -20,7 +20,7 @@ def _silence(p: Reals, rate: ti.f32, lasting: ti.f32, log: Reals):
         silence = jumps.at_first()
         for k in range(p.shape[0]):
             silence = jumps.after(silence, p[k], rate, lasting)
-            log[k] = silence.log
+            log[k] = jumps.log_missed(silence)
 
 
 def missed(p, rate, lasting):
@@ -148,7 +148,7 @@ def _with(p: Reals, lasting: Reals, rate: ti.f32, log: Reals):
         silence = jumps.at_first()
         for k in range(p.shape[0]):
             silence = jumps.after(silence, p[k], rate, lasting[k])
-        log[0] = silence.log
+        log[0] = jumps.log_missed(silence)
 
 
 def missed_with(p, lasting, rate):
@@ -172,11 +172,13 @@ def test_settled_is_the_same_as_silence_and_forgets():
         for _ in range(1):
             silence = jumps.after(jumps.at_first(), 0.4, rate, 300.0)
             quiet = jumps.settled(silence, rate, 900.0)
-            found[0] = quiet.log
-            found[1] = jumps.after(silence, 0.0, rate, 900.0).log
+            found[0] = jumps.log_missed(quiet)
+            still = jumps.after(silence, 0.0, rate, 900.0)
+            found[1] = jumps.log_missed(still)
             long = jumps.settled(jumps.settled(silence, rate, 1e6), rate, 1.0)
-            found[2], found[3] = long.log, ti.cast(long.many, ti.f32)
-            found[4] = jumps.after(long, 0.3, rate, 0.0).log
+            found[2], found[3] = jumps.log_missed(long), ti.cast(long.many, ti.f32)
+            after = jumps.after(long, 0.3, rate, 0.0)
+            found[4] = jumps.log_missed(after)
 
     found = np.zeros(5, np.float32)
     both(1 / HOUR, found)
