@@ -220,7 +220,7 @@ def _steer(
             state, until = life.UNDER_WAY, ti.min(end, columns.release[i])
             if resting:
                 state, t.time, until = columns.status[i], elapsed, end
-            here, met, stopped = NONE, -1, t.time
+            here, met, stopped, turned = NONE, -1, t.time, 0
             while t.time < until:
                 x, y, time, state_then = t.lon, t.lat, until, state  # it has stopped
                 k = ti.f32(0.0)
@@ -235,6 +235,7 @@ def _steer(
                     dlon, dlat = set_at(t, time if state == life.UNDER_WAY else t.time)
                     here = note(pieces, i, here, seen, x + dlon, y + dlat, time, k, key.count)
                 if state == life.UNDER_WAY and state_then == life.UNDER_WAY:
+                    turned |= ti.cast(time == t.to_time, ti.i32)
                     t = reached(coastal, plan, key, which, t, x, y, time, coast)
                     if t.over == 1:
                         state_then = life.ARRIVED
@@ -251,9 +252,13 @@ def _steer(
                     columns.status_since[i] = stopped
                     if state == life.AGROUND:
                         columns.edge[i] = met
-                _store(columns, i, t)
-                west, south = columns.lon[i] - terms.west, columns.lat[i] - terms.south
-                outside = ti.cast(west, ti.u32) > terms.width or ti.cast(south, ti.u32) > terms.height
+                x, y = _placed(columns, i, t)
+                # Every column that is touched costs: arrays as large as each other get into each other's way in a cache.
+                if turned == 1:
+                    _aimed(columns, i, t)
+                outside = (
+                    ti.cast(x - terms.west, ti.u32) > terms.width or ti.cast(y - terms.south, ti.u32) > terms.height
+                )
                 if state == life.UNDER_WAY and outside:
                     state = life.LEFT
                     columns.status_since[i] = end
@@ -261,11 +266,20 @@ def _steer(
 
 
 @ti.func
-def _store(columns: ti.template(), i: ti.i32, t: Target):
+def _placed(columns: ti.template(), i: ti.i32, t: Target):
+    """Write where target i is, and how far the current has set it; return the place."""
     dlon, dlat = set_at(t, t.time)
-    columns.lon[i], columns.lat[i] = t.lon + dlon, t.lat + dlat
-    columns.set_lon[i], columns.set_lat[i] = dlon, dlat
-    columns.set_rate_lon[i], columns.set_rate_lat[i] = 0.0, 0.0  # until the current is asked again
+    x, y = t.lon + dlon, t.lat + dlat
+    columns.lon[i], columns.lat[i] = x, y
+    if t.rate_lon != 0.0 or t.rate_lat != 0.0:
+        columns.set_lon[i], columns.set_lat[i] = dlon, dlat
+        columns.set_rate_lon[i], columns.set_rate_lat[i] = 0.0, 0.0  # until the current is asked again
+    return x, y
+
+
+@ti.func
+def _aimed(columns: ti.template(), i: ti.i32, t: Target):
+    """Write where target i goes next."""
     columns.phase[i], columns.leg[i], columns.phase_end[i] = t.phase, t.leg, t.phase_end
     columns.to_lon[i], columns.to_lat[i], columns.to_time[i] = t.to_lon, t.to_lat, t.to_time
     columns.course[i], columns.speed[i] = t.course, t.speed
@@ -389,7 +403,9 @@ def _born(
                 t.time = itinerary.when(plan, point, t.time, w[0], w[1])
         columns.departure[i] = t.time
         columns.release[i] = _distress(plan, key, which, t.time)
-        _store(columns, i, aim(coastal, plan, key, which, t, coast))
+        t = aim(coastal, plan, key, which, t, coast)
+        _placed(columns, i, t)
+        _aimed(columns, i, t)
 
 
 @ti.func

@@ -68,6 +68,7 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
         except UserError as error:
             wrong |= dict.fromkeys(error.lines)
     seen: dict[InRing, None] = {}
+    known: dict[bytes, list[tuple[int, str, str]]] = {}  # stories of a family go the same ways
     shore = corridors.Shore.of(coast)
     for name, own in stories:
         for number, phase in enumerate(own.phases, 1):
@@ -81,7 +82,10 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
                     wrong |= dict.fromkeys(error.lines)
             elif isinstance(phase, Ways) and (legs := _voyage(phase)) is not None:
                 spread = f"with {SPREADS:g} standard deviations of cross_track to each side"
-                for lane, width, where in _touching(legs, shore, f"{place}.voyage", spread):
+                key = b"".join(column.tobytes() for column in (legs.lon, legs.lat, legs.width))
+                if key not in known:
+                    known[key] = list(_touching(legs, shore, f"{place}.voyage", spread))
+                for lane, width, where in known[key]:
                     wrong[
                         f"{place}.voyage: leg {lane + 1}, {width} wide {spread}, touches land {where}; move its waypoints, "
                         f"or {OTHERWISE}"
