@@ -67,7 +67,7 @@ class Room:
         self._of(slots)
 
     def _of(self, size: int) -> None:
-        self.size = size
+        self.size, self.pack = size, None  # what was there goes before as much again comes
         columns = (runtime.empty(size, member.dtype) for member in list(Pieces.members.values())[:-1])
         self.pack = launch.pack(Pieces, *columns, self._used)
 

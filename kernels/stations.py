@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels import jumps, sphere
+from kernels import jumps, listen, sphere
 
-TURN = 6.283185307179586
 BESIDE = 3  # places whose losses are weighted
 
 f32x2 = ti.types.vector(2, ti.f32)
@@ -35,23 +34,6 @@ Sonar = ti.types.struct(
 
 
 @ti.func
-def _turned(table: ti.template(), at: ti.i32, many: ti.i32, stride: ti.i32, bearing: ti.f32) -> ti.f32:
-    """Return what a table from `at` on has at a bearing [rad], straight between its entries, which go round the circle."""
-    found = table[at]
-    if many > 1:
-        turned = bearing * ti.f32(1.0 / TURN)
-        place = (turned - ti.floor(turned)) * many
-        k = ti.min(ti.cast(place, ti.i32), many - 1)
-        share = place - k
-        after = k + 1
-        if after == many:
-            after = 0
-        low, high = table[at + k * stride], table[at + after * stride]
-        found = low + share * (high - low)
-    return found
-
-
-@ti.func
 def _excess(
     sonar: Sonar, losses: ti.template(), gains: ti.template(), noise: ti.template(), which: ti.template(),
     weight: ti.template(), at: ti.i32, bin_: ti.i32, heading: ti.f32, way: f32x2,
@@ -69,11 +51,11 @@ def _excess(
             share = weight[BESIDE * at + j]
             if share > 0.0:
                 table = which[BESIDE * at + j] * sonar.rays * sonar.rings
-                low = _turned(losses, table + k, sonar.rays, sonar.rings, bearing)
-                high = _turned(losses, table + k + 1, sonar.rays, sonar.rings, bearing)
+                low = listen.round_table(losses, sonar.rays, sonar.rings, table + k, bearing)
+                high = listen.round_table(losses, sonar.rays, sonar.rings, table + k + 1, bearing)
                 lost += share * (low + (ring - k) * (high - low))
-        found = _turned(gains, 0, sonar.sides, 1, bearing - heading) - lost
-        found -= _turned(noise, bin_ * sonar.winds, sonar.winds, 1, bearing)
+        found = listen.round_table(gains, sonar.sides, 1, 0, bearing - heading) - lost
+        found -= listen.round_table(noise, sonar.winds, 1, bin_ * sonar.winds, bearing)
     return found
 
 
@@ -120,7 +102,7 @@ def _missed(
                             lon[i * edges + t], lat[i * edges + t], lon[i * edges + to], lat[i * edges + to]
                         )
                         speed = gone.norm() / lasting
-                    source = _level(levels, paces, scenario[i], speed) + offsets[f]
+                    source = listen.level(levels, paces, scenario[i], speed) + offsets[f]
                     part = ti.max(sonar.part, sonar.share * nearest)
                     parts = ti.max(ti.cast(ti.ceil(ti.sqrt(dd) / part), ti.i32), 1)
                     for k in range(parts):
@@ -131,20 +113,6 @@ def _missed(
                         jumps.hear(silence, over, sonar.spread, sonar.rate, lasting / parts)
                 a, begun = b, 1
         log[nth] = jumps.log_missed(silence)
-
-
-@ti.func
-def _level(levels: ti.template(), paces: ti.template(), scenario: ti.i32, speed: ti.f32) -> ti.f32:
-    """Return the source level [dB] of a scenario at a speed [m/s]."""
-    many = paces.shape[0]
-    k = 0
-    while k < many - 2 and speed > paces[k + 1]:
-        k += 1
-    found = levels[scenario * many + k]
-    if many > 1:
-        share = (speed - paces[k]) / (paces[k + 1] - paces[k])
-        found += ti.min(ti.max(share, 0.0), 1.0) * (levels[scenario * many + k + 1] - found)
-    return found
 
 
 @ti.kernel
@@ -176,7 +144,7 @@ def _best(
                         lon[i * edges + t], lat[i * edges + t], lon[i * edges + t + 1], lat[i * edges + t + 1]
                     )
                     speed = gone.norm() / lasting
-                source = _level(levels, paces, scenario[i], speed) + offsets[f]
+                source = listen.level(levels, paces, scenario[i], speed) + offsets[f]
                 if (a + nearest * d).norm() <= reach:
                     parts = ti.max(ti.cast(ti.ceil(ti.sqrt(dd) / sonar.part), ti.i32), 1)
                     for k in range(parts):
