@@ -15,7 +15,7 @@ from drift.motion.scenario import Scenario
 from drift.preview import outlook, voyage
 from drift.search import contacts
 from drift.search.records import Barrier, Contact, Field, Line, Look, Presence, Sortie
-from drift.sensors.records import Sensor, Sonar
+from drift.sensors.records import Processing, Sensor, Sonar, Tow
 from drift.spill import renewal
 from drift.spill.records import Spill
 from drift.suspend import alive
@@ -23,7 +23,8 @@ from geo import notation
 from geo.coast import shore
 from geo.coast.segments import Segments
 from geo.forcing.sources import Source
-from geo.notation import NMI
+from geo.notation import KNOT, NMI
+from geo.polyline import Area
 from kernels import runtime
 
 NAMED = 4  # values on an axis of a family that are all named
@@ -140,7 +141,7 @@ def _scenario(scenario: Scenario, dry: float) -> str:
 
 
 def _search(case: Case) -> dict[str, str]:
-    """Return how sorties, contacts and units were understood."""
+    """Return how sorties, contacts, sensors and what a plan may send were understood."""
     lines = {f'sortie "{sortie.name}"': _sortie(sortie) for sortie in case.sorties}
     for contact in case.contacts:
         doubt = f"belief {contact.belief:g}"
@@ -157,11 +158,52 @@ def _search(case: Case) -> dict[str, str]:
             f"{unit.endurance / 3600:g} h on scene, W {_widths(unit.sweep_width)}"
             f"{', by daylight' if unit.daylight else ''}"
         )
+    for tow in case.tows:
+        lines[f'tow "{tow.name}"'] = _tow(tow)
+    spec = case.plan
+    span = f"{notation.group(spec.begin)} to {notation.group(spec.until)}"
     if case.units:
-        spec = case.plan
-        span = f"{notation.group(spec.begin)} to {notation.group(spec.until)}"
         lines["plan"] = f"{span}, for {spec.objective}, {spec.rounds} round(s)"
+    elif case.tows:
+        lines["plan"] = f"{span}, where ships tow their arrays"
+    if case.processing:
+        lines["processing"] = _processing(case.processing)
     return lines
+
+
+def _tow(tow: Tow) -> str:
+    """Return what a ship tows, from when on, how, and where it may."""
+    words = [
+        f'tows "{tow.sensor.name}" at {tow.speed / KNOT:g} kn on {"a leg" if tow.legs == 1 else "one or two legs"}'
+    ]
+    if tow.base is not None:
+        words.append(f"from {notation.position(*tow.base)} at {tow.transit_speed / KNOT:g} kn")
+    words.append(f"ready {notation.group(tow.ready)}")
+    if math.isfinite(tow.endurance):
+        words.append(f"for {tow.endurance / 3600:g} h")
+    words.append(f"begins in {_extent(tow.begin)}")
+    if tow.allowed is not None:
+        words.append(f"stays in {_extent(tow.allowed)}")
+    if tow.courses is not None:
+        low, high = (math.degrees(course) % 360 for course in tow.courses)
+        words.append(f"courses {low:.0f} to {high:.0f}")
+    return ", ".join(words)
+
+
+def _extent(area: Area) -> str:
+    """Return the corners of an area."""
+    return " - ".join(f"{notation.position(*corner)}" for corner in zip(area.lon, area.lat, strict=True))
+
+
+def _processing(own: Processing) -> str:
+    """Return whose beams are processed, by how many, and when."""
+    beams = ", ".join(f"{one.name} {many}" for one, many in zip(own.listeners, own.beams, strict=True))
+    slots = len(own.edges) - 1
+    hours = (own.edges[1] - own.edges[0]) / np.timedelta64(1, "h")
+    manned = "" if own.manned.all() else f", {int(own.manned.sum())} of {own.manned.size} slots manned"
+    cost = f", a beam must add {own.cost:g}" if own.cost > 0 else ""
+    span = f"{notation.group(own.edges[0])} to {notation.group(own.edges[-1])}"
+    return f"{span}, {slots} slot(s) of {hours:g} h, {len(own.processors)} processor(s){manned}, beams: {beams}{cost}"
 
 
 def _heard(contact: Contact) -> str:

@@ -281,3 +281,35 @@ def test_processors_that_have_too_few_beams_between_them(tmp_path):
 def test_a_case_without_processing_has_nothing_to_allocate(tmp_path):
     with pytest.raises(UserError, match=r"has no \[plan\.processing\] to allocate"):
         drift.allocate(load(tmp_path, CASE[: CASE.index("[plan.processing]")]))
+
+
+def test_a_check_says_what_will_be_planned(tmp_path) -> None:
+    tows = """
+[[tow]]
+name = "Tail"
+sensor = "tail"
+base = "35 30N 178E"
+transit_speed = "11 kn"
+endurance = "5 h"
+begin = { polygon = ["35N 178E", "35N 179E", "36N 179E"] }
+allowed = { polygon = ["34N 177E", "34N 179E", "37N 179E"] }
+courses = [330, 40]
+speed = "3 kn"
+legs = 1
+"""
+    manned = CASE.replace(
+        "processors = 2", 'processors = [{ name = "P", sensors = ["west", "east"], manned = [["+4 h", "+7 h"]] }]'
+    )
+    said = drift.check(load(tmp_path, manned + "cost = 0.01\n" + tows))
+    assert said["processing"] == (
+        "010400ZJUN26 to 011000ZJUN26, 2 slot(s) of 3 h, 1 processor(s), 1 of 2 slots manned, beams: west 3, east 3, a beam must add 0.01"
+    )
+    assert said["plan"] == "010400ZJUN26 to 011000ZJUN26, where ships tow their arrays"
+    assert said['tow "Tail"'] == (
+        'tows "tail" at 3 kn on a leg, from 35-30.0N 178-00.0E at 11 kn, ready 010400ZJUN26, for 5 h, begins in '
+        "35-00.0N 178-00.0E - 35-00.0N 179-00.0E - 36-00.0N 179-00.0E, stays in "
+        "34-00.0N 177-00.0E - 34-00.0N 179-00.0E - 37-00.0N 179-00.0E, courses 330 to 40"
+    )
+    alone = drift.check(load(tmp_path))
+    assert "plan" not in alone
+    assert alone["processing"].endswith("2 processor(s), beams: west 3, east 3")
