@@ -104,6 +104,11 @@ class Helm:
         return whole
 
     @cached_property
+    def adrift(self) -> tuple[int, ...]:
+        """Numbers of the run's scenarios of which anything is adrift at some time."""
+        return tuple(k for k in range(len(self._steering.itineraries)) if self._steering.adrift(k))
+
+    @cached_property
     def _move(self) -> kernel.Move:
         e = self._ensemble
         move: kernel.Move = steer.mover(columns(e), self.batch, self.plan, e.seed, self._domain, self._coast)
@@ -111,7 +116,8 @@ class Helm:
 
     def some(self, scenarios: Sequence[int]) -> "Helm | None":
         """Return what steers those of some scenarios that steer; None: none does."""
-        chosen = tuple(k for k in self.batch.scenarios if k in set(scenarios))
+        asked = set(scenarios)
+        chosen = tuple(k for k in self.batch.scenarios if k in asked)
         if chosen == self.batch.scenarios or not chosen:
             return self if chosen else None
         if chosen not in self._parts:

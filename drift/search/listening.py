@@ -114,7 +114,7 @@ class Listening:
             return exposed
         scenarios, kept = tuple(range(len(ensemble.scenarios))), tuple(exposed.columns.values())
         steered = helm.some(scenarios) if helm and begin.helm else None
-        before, own = (begin.lon, begin.lat), ensemble.batch(scenarios)
+        before, own = (begin.lon, begin.lat), ensemble.batch(helm.adrift if helm else scenarios)
         for k, seeks in enumerate(track.searching):
             whole = Stretch(*track.time[k : k + 2].tolist(), *_places(track.place, k))
             if isinstance(self._sees, PodGrid):
@@ -123,7 +123,10 @@ class Listening:
                     pods, shore = grid_pod.tables(self._sees, middle, self._lasting), self.sortie.ashore
                     if steered and begin.helm:
                         steered.glimpse(begin.helm, step, whole, pods, shore, kept[0])
-                    glimpse.drifting(ensemble, own, before, step.elapsed, step.duration, whole, pods, shore, kept[0])
+                    if own.last > own.first:
+                        glimpse.drifting(
+                            ensemble, own, before, step.elapsed, step.duration, whole, pods, shore, kept[0]
+                        )
                 continue
             for stretch, share in self._parts(self._sees, whole, step.elapsed):
                 tables = self._tables(self._sees, stretch, step.elapsed, track.course[4 * k : 4 * k + 4], share)
@@ -132,7 +135,8 @@ class Listening:
                 sonar = listen.laid(stretch, tables, self.factors)
                 if steered and begin.helm:
                     steered.listen(begin.helm, step, sonar, kept)
-                listen.drifting(ensemble, own, before, step.elapsed, step.duration, sonar, kept)
+                if own.last > own.first:
+                    listen.drifting(ensemble, own, before, step.elapsed, step.duration, sonar, kept)
         return exposed
 
     def _parts(self, own: Ear, whole: Stretch, elapsed: int) -> Iterator[tuple[Stretch, float]]:
