@@ -4,7 +4,8 @@
 
 The many are reports scattered as the one is: normal, 25 nmi, in the Gulf of Mexico, south of its coast; they differ in place, time, weight and
 object, and every other one sees another current. `drift`: nothing but the drift; `search`: four sorties (legs, an area, a pattern on a drifting
-datum, a curve with an unknown factor) and a contact, with resampling; `steer`: the same of voyages, until a distress at an unknown time. Each runs in a process of its own after one that compiles its kernels.
+datum, a curve with an unknown factor) and a contact, with resampling; `steer`: the same of voyages, until a distress at an unknown time; `family`: the same
+of a `[[family]]` of voyages, by ten routes, ten ranges of speed and as many of departure as it takes. Each runs in a process of its own after one that compiles its kernels.
 A row is a phase of the run by the clock [s]; `whole` is all of it, from the case file to the last file, `processor` the time that all its threads
 took together, which tells more where other programs share the machine.
 """
@@ -102,7 +103,24 @@ departure = ["+{first} min", "+{last} min"]
 speed = ["4 kn", "9 kn"]
 cross_track = "{std} nmi"
 """
-KINDS = ("drift", "search", "steer")
+ROUTE = """
+[voyage.route{number}]
+waypoints = [[{west:.6f}, {lat:.6f}], [{lon:.6f}, {lat:.6f}], [{east:.6f}, {north:.6f}]]
+speed = "6 kn"
+"""
+FAMILY = """
+[[family]]
+name = "voyage"
+scenario.object = "LIFE-RAFT-DB-10"
+scenario.currents = ["gulf"]
+scenario.distress = {{ rate = "0.03/h" }}
+scenario.phase = [{{ voyage = {{ cross_track = "{std} nmi" }} }}]
+axis.route = {{ key = "phase.1.voyage.like", values = [{routes}] }}
+axis.speed = {{ key = "phase.1.voyage.speed", from = "4 kn", to = "9 kn", ranges = 10 }}
+axis.departure = {{ key = "phase.1.voyage.departure", from = "+0 min", to = "+180 min", ranges = {departures} }}
+"""
+ROUTES = 10  # of a family, and its ranges of speed
+KINDS = ("drift", "search", "steer", "family")
 OBJECTS = ("LIFE-RAFT-DB-10", "PIW-1", "SKIFF-1")
 LON, LAT, SPREAD, OWN = (
     -88.6,
@@ -114,7 +132,7 @@ LON, LAT, SPREAD, OWN = (
 
 def story(kind: str, lon: float, lat: float, **keys: object) -> str:
     """Return a scenario about a place [deg]: a report of it, or a voyage through it."""
-    return (UNDER_WAY if kind == "steer" else STORY).format(
+    return (UNDER_WAY if kind in ("steer", "family") else STORY).format(
         lon=lon, lat=lat, west=lon - 1.5, east=lon + 1.5, north=lat + 0.4, **keys
     )
 
@@ -134,12 +152,22 @@ def written(count: int, particles: int, duration: str, kind: str) -> str:
             weight=1,
             object=OBJECTS[0],
             current="gulf",
-            std=12 if kind == "steer" else SPREAD,
+            std=12 if kind in ("steer", "family") else SPREAD,
             first=0,
             last=180,
         )
     scatter = np.sqrt(SPREAD**2 - OWN**2)
     east, north = random.normal(0, scatter / 60, (2, count))
+    if kind == "family":
+        routes = [
+            ROUTE.format(
+                number=k, lon=LON + east[k], lat=LAT - 0.7 + north[k], west=LON + east[k] - 1.5, east=LON + east[k] + 1.5,
+                north=LAT - 0.3 + north[k],
+            )
+            for k in range(ROUTES)
+        ]  # fmt: skip
+        names = ", ".join(f'"route{k}"' for k in range(ROUTES))
+        return head + "".join(routes) + FAMILY.format(std=OWN, routes=names, departures=count // ROUTES**2)
     weight = random.gamma(0.7, size=count)
     weight = np.maximum(weight / weight.sum(), 1e-5)
     weight = np.round(weight / weight.sum(), 8)
@@ -184,6 +212,8 @@ def main() -> None:
     parser.add_argument("--only", default="", choices=("", *KINDS))
     parser.add_argument("--keep", type=Path, help="folder for the cases and their files")
     asked = parser.parse_args()
+    if asked.only in ("", "family") and asked.scenarios % ROUTES**2:
+        parser.error(f"--scenarios {asked.scenarios}: a family has a multiple of {ROUTES**2}")
     with tempfile.TemporaryDirectory() as scratch:
         folder = asked.keep or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
