@@ -165,7 +165,7 @@ def settle(silence: ti.template(), rate: ti.f32, lasting: ti.f32):
 
 @ti.func
 def chance(deviations: ti.f32) -> ti.f32:
-    """Return the probability that a standard normal number is below a number, error 2e-7.
+    """Return the probability that a standard normal number is below a number, error 3e-7.
 
     Abramowitz and Stegun 1964, Handbook of Mathematical Functions, eq. 26.2.17: 7.5e-8 and what float32 rounds. Its
     polynomial and its exponential do not wait for each other.

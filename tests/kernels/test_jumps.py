@@ -166,6 +166,31 @@ def test_hardly_anything_is_left_and_still_told():
     assert log[-1] == pytest.approx(math.log(0.001) - 3 / HOUR * 0.999 * 600 * 2000, rel=1e-4)
 
 
+def test_many_cuts_leave_less_than_float32_holds():
+    """Thirty independent looks, each of which hears nearly everything."""
+    p = np.tile([0.99, 0.0], 30)
+    lasting = np.tile([0.0, 50 * HOUR], 30)
+    log = np.zeros(1, np.float32)
+    _with(p.astype(np.float32), lasting.astype(np.float32), 4 / HOUR, log)
+    assert log[0] == pytest.approx(30 * math.log(1 - np.float32(0.99)), rel=1e-5)
+
+
+@ti.kernel
+def _chances(deviations: Reals, found: Reals):
+    for k in range(deviations.shape[0]):
+        found[k] = jumps.chance(deviations[k])
+
+
+def test_the_normal_distribution():
+    """7.5e-8 of the formula, and what float32 rounds: six products of at most a half, and a number near 1."""
+    deviations = np.concatenate([np.linspace(-13, 13, 9001), [0.0, -0.0, 40.0, -40.0]]).astype(np.float32)
+    found = np.zeros(deviations.size, np.float32)
+    _chances(deviations, found)
+    off = np.abs(found - norm.cdf(deviations.astype(np.float64)))
+    assert off.max() < 7.5e-8 + (6 * 0.5 + 1) * 2.0**-24
+    assert ((found >= 0) & (found <= 1)).all()
+
+
 def test_settled_is_the_same_as_silence_and_forgets():
     @ti.kernel
     def both(rate: ti.f32, found: Reals):
