@@ -67,9 +67,10 @@ class Room:
         self._of(slots)
 
     def _of(self, size: int) -> None:
-        self.size, self.pack = size, None  # what was there goes before as much again comes
-        columns = (runtime.empty(size, member.dtype) for member in list(Pieces.members.values())[:-1])
-        self.pack = launch.pack(Pieces, *columns, self._used)
+        self.size, self.pack, self.columns = size, None, {}  # what was there goes before as much again comes
+        self.columns = {name: runtime.empty(size, member.dtype) for name, member in Pieces.members.items()}
+        self.columns["piece_used"] = self._used
+        self.pack = launch.pack(Pieces, *self.columns.values())
 
     def fill(self, write: Callable[[Any], None]) -> None:
         """Have pieces written by what takes the pack, and again with more room until there is enough."""

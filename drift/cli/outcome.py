@@ -31,7 +31,7 @@ Facts = dict[str, str]
 def forecast(numbers: dict[str, Any]) -> Facts:
     """Return where, how sure and what ended how, at the end of the run; numbers: those of the summary."""
     end = numbers["outputs"][-1]
-    facts = {"time": end["date_time_group"]}
+    facts = {"time": end["date_time_group"]} | _warnings(numbers["warnings"])  # before the areas that they doubt
     moving = [name for name in ("adrift", "under_way") if end["probability"].get(name, 0.0) > 0]
     afloat = " or ".join(name.replace("_", " ") for name in moving) or "adrift"
     for name, key in (("mean position", "mean"), (f"datum (mean of those {afloat})", "datum")):
@@ -42,7 +42,6 @@ def forecast(numbers: dict[str, Any]) -> Facts:
         if share > 0:
             facts[status.replace("_", " ")] = _percent(share)
     facts |= {"errors": told} if (told := numbers["uncertainty"]["told"]) else {}
-    facts |= _warnings(numbers["warnings"])
     facts |= _search(numbers)
     facts |= _lost(numbers)
     facts |= _coast(numbers)

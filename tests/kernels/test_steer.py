@@ -27,7 +27,9 @@ from drift.motion.itinerary import (
 )
 from drift.particles.status import Status
 from geo import sphere
+from kernels import steer
 from kernels.advance import Step
+from kernels.pieces import Room
 
 K12 = 12 * NMI / 60  # [m/sqrt(s)] 12 nmi/sqrt(h)
 
@@ -460,3 +462,27 @@ def test_a_distress_that_would_be_before_the_departure_is_at_it() -> None:
     )  # fmt: skip
     fleet = Fleet(Itinerary((ways,), Between(PERIOD.start, Spread(0.0, HOUR, 1800.0)), land="ignore"), 200)
     np.testing.assert_array_equal(fleet["release"], fleet["departure"])
+
+
+def test_pieces_beyond_the_room_are_asked_for_again() -> None:
+    """Where a step makes half as many pieces more than there are slots, each target's still follow one another to its end.
+
+    The number of courses taken in a step is Poisson, so that 0.5 a target come on top, less than the room again.
+    """
+    n, step = 2000, Step(0, 0, 2 * HOUR, 1)
+    law = Course(Spread(0.0, 2 * np.pi, 1.0), Spread(4.0, 4.0, 4.0), change=4 * HOUR)
+    fleet = Fleet(Itinerary((law,)), n, at=(20.0, 3.0))
+    room = Room(n)
+    steer.made(fleet.columns, fleet.slots, fleet.plan, fleet.seed, None, step, room)
+    pack = {name: room.columns[f"piece_{name}"].to_numpy() for name in ("begin", "end", "next", "used")}
+    more = pack["used"][0] - n
+    assert abs(more - 0.5 * n) < 4 * np.sqrt(0.5 * n)
+    slot = at = np.arange(n)
+    made, pieces = np.zeros(n), 0
+    while at.size:
+        pieces += at.size
+        made[slot] += pack["end"][at] - pack["begin"][at]
+        on = pack["next"][at] >= 0
+        at, slot = pack["next"][at][on], slot[on]
+    assert pieces == n + more
+    np.testing.assert_array_equal(made, step.duration)

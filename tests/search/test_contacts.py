@@ -1,12 +1,16 @@
 """Likelihoods of contacts against pyproj's geodesics on the sphere and scipy's densities: axes, wraps, densities, zones."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from pyproj import Geod
 from scipy import stats
 
 from drift.search import contacts as contact_laws
-from drift.search.records import Contact, Fix, Watch
+from drift.search import heard
+from drift.search.records import Contact, Fix, Heard, Tone, Watch
+from drift.search.sight import Targets
 from geo import sphere
 from geo.polyline import Area
 
@@ -98,3 +102,25 @@ def test_an_area_is_a_density_per_square_metre() -> None:
     assert (
         np.abs(found[np.isfinite(found)] + np.log(metres)).max() < 2e-3
     )  # its sides are great circles there, straight here
+
+
+def test_doppler_is_of_both_velocities_along_the_way_between() -> None:
+    """Kinsler's law with the unit vector taken from pyproj's azimuth: nearer sounds higher, whoever of the two moves."""
+    lon, lat, azimuth, _ = points(300, far=8000.0)
+    random = np.random.default_rng(3)
+    east, north = random.normal(0, 6, (2, lon.size))
+    c, own = 1487.0, (9.1, -4.3)
+    sensor: Any = None  # the law asks for none
+    hears = Heard(sensor, tone=Tone(50.0, 0.1, 50.0, sound_speed=c), velocity=own)
+    targets = Targets(
+        sphere.to_binary(lon), sphere.to_binary(lat), np.zeros(lon.size, np.int32), east, north, np.zeros(lon.size, np.int32)
+    )
+    way = sphere.offset(*np.radians(SENSOR), np.radians(lon), np.radians(lat))
+    u = np.sin(azimuth), np.cos(azimuth)
+    nearer = c + own[0] * u[0] + own[1] * u[1], c + east * u[0] + north * u[1]
+    found = heard.doppler(hears, targets, way)
+    np.testing.assert_allclose(found, nearer[0] / nearer[1], rtol=1e-9)
+    still = targets._replace(east=0 * east, north=0 * north)
+    ahead = own[0] * u[0] + own[1] * u[1] > 2.0
+    assert ahead.sum() > 50
+    assert (heard.doppler(hears, still, way)[ahead] > 1).all()
