@@ -113,7 +113,12 @@ def test_doppler_is_of_both_velocities_along_the_way_between() -> None:
     sensor: Any = None  # the law asks for none
     hears = Heard(sensor, tone=Tone(50.0, 0.1, 50.0, sound_speed=c), velocity=own)
     targets = Targets(
-        sphere.to_binary(lon), sphere.to_binary(lat), np.zeros(lon.size, np.int32), east, north, np.zeros(lon.size, np.int32)
+        sphere.to_binary(lon),
+        sphere.to_binary(lat),
+        np.zeros(lon.size, np.int32),
+        east,
+        north,
+        np.zeros(lon.size, np.int32),
     )
     way = sphere.offset(*np.radians(SENSOR), np.radians(lon), np.radians(lat))
     u = np.sin(azimuth), np.cos(azimuth)
