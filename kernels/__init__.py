@@ -31,6 +31,7 @@ probe    values by which one processor's arithmetic is told from another's
 allocate what effort that is spread over cells finds
 rectangles  what rectangles searched by parallel sweeps find
 sweeps   what legs that are flown find
+clouds   clouds of particles that follow targets which are rarely seen: they act, are cut by sweeps and filled again
 beams    what each beam of a sonar would hear of particles whose tracks are kept
 
 Arrays and numbers in, arrays out. Modules here do without `from __future__ import annotations`: it breaks Taichi.

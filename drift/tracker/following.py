@@ -1,0 +1,188 @@
+"""Clouds of many runs and ways of following, side by side, taken through their sweeps."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drift.tracker import path
+from drift.tracker.path import Path
+from drift.tracker.records import METHODS, Tracker
+from drift.tracker.sweeps import Sweeps, joined
+from geo import sphere
+from geo.array import Array
+from kernels import clouds, runtime
+
+TOGETHER = 2**21  # particles that are held at once: 250 MB
+
+
+@dataclass(frozen=True)
+class World:
+    """One run: the tracker's way and what its sensors told."""
+
+    tracker: Path
+    sweeps: Sweeps
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """What clouds say of the target at what is recorded, each (ways of following, runs, rows); NaN: no track is held."""
+
+    place: Array  # unit vectors (..., 3)
+    course: Array  # [rad] of the mean velocity
+    speed: Array  # [m/s] mean of the particles' speeds
+    velocity: Array  # [m/s] mean velocity, east and north (..., 2)
+    count: Array  # particles
+
+
+@dataclass(frozen=True)
+class Particles:
+    """A cloud at a time."""
+
+    place: Array  # unit vectors (n, 3)
+    velocity: Array  # [1/s] (n, 3)
+    weight: Array  # shares (n,)
+    mode: Array  # kernels.clouds.ACTING, SEEKING or HIDING
+
+
+def follow(
+    worlds: Sequence[World], trackers: Sequence[Tracker], size: int, seed: int,
+    tell: Callable[[float], None] = lambda share: None,
+) -> Estimates:  # fmt: skip
+    """Follow the target of every world in every way; size: particles of a cloud.
+
+    Worlds may be one object: its sweeps are then kept once. Clouds of one world share their random numbers, whatever
+    the way of following. tell: takes the share that is done.
+    """
+    if size < 1:
+        raise ValueError(f"a cloud needs a particle or more, not {size}")
+    rows = max((int(world.sweeps.row.max(initial=-1)) + 1 for world in worlds), default=0)
+    found = np.full((len(trackers), len(worlds), rows, len(clouds.FIELDS)), np.nan)
+    step = max(TOGETHER // (size * len(trackers)), 1)
+    for first in range(0, len(worlds), step):
+        some = slice(first, first + step)
+        batch = Clouds(worlds[some], trackers, size, seed, first).go()
+        found[:, some, : batch.rows] = batch.fields
+        tell(min((first + step) / len(worlds), 1.0))
+    metres = sphere.RADIUS
+    velocity = found[..., 3:5] * metres
+    return Estimates(
+        found[..., :3], np.arctan2(velocity[..., 0], velocity[..., 1]), found[..., 5] * metres, velocity, found[..., 6]
+    )
+
+
+class Clouds:
+    """The clouds of some worlds, in every way of following, on the device; all at the same sweep of their worlds."""
+
+    def __init__(
+        self, worlds: Sequence[World], trackers: Sequence[Tracker], size: int, seed: int, run: int = 0
+    ) -> None:
+        """Have no track of anything yet; run: number of the first world, the key of its random numbers."""
+        distinct = {id(world): world for world in worlds}
+        places = {key: k for k, key in enumerate(distinct)}
+        which = np.array([places[id(world)] for world in worlds])
+        ends = np.cumsum([0] + [len(world.sweeps) for world in distinct.values()])
+        leg_ends = np.cumsum([0] + [len(world.tracker.rate) for world in distinct.values()])
+        n, many = len(worlds), len(worlds) * len(trackers)
+        self.shape, self.size, self.seed = (len(trackers), n), size, seed
+        self.rows = max((int(world.sweeps.row.max(initial=-1)) + 1 for world in worlds), default=0)
+        self._sweeps = joined([world.sweeps for world in distinct.values()])
+        self._begin, self._end = np.tile(ends[which], len(trackers)), np.tile(ends[which + 1], len(trackers))
+        self._tracks = _columns(clouds.Tracks, "track", {
+            "run": np.tile(run + np.arange(n), len(trackers)), "rules": np.repeat(np.arange(len(trackers)), n),
+            "first": self._begin, "last": self._begin,
+            "first_leg": np.tile(leg_ends[which], len(trackers)), "last_leg": np.tile(leg_ends[which + 1], len(trackers)),
+            "first_row": np.arange(many) * self.rows, "count": np.zeros(many), "drawn": np.zeros(many),
+            "e_place": np.zeros(3 * many), "e_rate": np.full(many, -1.0), "e_time": np.zeros(many),
+        })  # fmt: skip
+        self._cloud = {
+            name: runtime.empty(many * size * (3 if name in ("own_place", "own_way") else 1), law.dtype)
+            for name, law in clouds.Cloud.members.items()
+        }
+        self._fixed = (
+            rules(trackers), _columns(clouds.Sweeps, "sweep", vars(self._sweeps)),
+            legs([world.tracker for world in distinct.values()]),
+        )  # fmt: skip
+        self._found = runtime.upload(np.full(max(many * self.rows, 1) * len(clouds.FIELDS), np.nan))
+
+    def go(self, until: float = math.inf) -> "Clouds":
+        """Take all through their sweeps until a time [s], those at it too."""
+        first = self._tracks["track_last"].to_numpy()
+        time = self._sweeps.time
+        last = [b + np.searchsorted(time[b:e], until, side="right") for b, e in zip(first, self._end, strict=True)]
+        self._tracks["track_first"].from_numpy(first)
+        self._tracks["track_last"].from_numpy(np.array(last, np.int32))
+        clouds.follow(self.size, self.seed, self._cloud, self._tracks, *self._fixed, self._found)
+        return self
+
+    @property
+    def fields(self) -> Array:
+        """What is recorded so far, (ways of following, worlds, rows, kernels.clouds.FIELDS)."""
+        values = self._found.to_numpy()[: math.prod(self.shape) * self.rows * len(clouds.FIELDS)]
+        return np.asarray(values).reshape(*self.shape, self.rows, len(clouds.FIELDS))
+
+    def particles(self, way: int, world: int, time: float) -> Particles:
+        """Return the particles of a cloud at a time [s] that is not before its last sweep and before any acts."""
+        k = way * self.shape[1] + world
+        some = slice(k * self.size, k * self.size + int(self._tracks["track_count"].to_numpy()[k]))
+        held = {name: column.to_numpy() for name, column in self._cloud.items()}
+        place, onward = (held[name].reshape(-1, 3)[some] for name in ("own_place", "own_way"))
+        rate = held["own_rate"][some, None]
+        angle = rate * (time - held["own_since"][some, None])
+        c, s = np.cos(angle), np.sin(angle)
+        weight = held["own_weight"][some]
+        return Particles(
+            place * c + onward * s, rate * (onward * c - place * s), weight / weight.sum(), held["own_mode"][some]
+        )
+
+
+def _columns(kind: Any, prefix: str, values: dict[str, Any]) -> dict[str, Any]:
+    """Return device columns of a pack, by its members' names."""
+    columns = {}
+    for member, law in kind.members.items():
+        dtype = np.int32 if law.dtype is clouds.Ints.dtype else np.float64
+        columns[member] = runtime.upload(np.ascontiguousarray(values[member.removeprefix(f"{prefix}_")], dtype))
+    return columns
+
+
+def rules(trackers: Sequence[Tracker]) -> dict[str, Any]:
+    """Return the device columns of ways of following."""
+    rows = []
+    for tracker in trackers:
+        law, filling = tracker.behaviour, tracker.filling
+        soonest, latest = law.acts or (clouds.NEVER, clouds.NEVER)
+        rows.append((
+            law.change, law.seek, law.hide, law.leave, soonest, latest, law.spread, law.fastest / sphere.RADIUS,
+            filling.partial, filling.bulk, METHODS[filling.method],
+        ))  # fmt: skip
+    names = [member.removeprefix("rule_") for member in clouds.Rules.members]
+    return _columns(clouds.Rules, "rule", dict(zip(names, np.array(rows, np.float64).T, strict=True)))
+
+
+def legs(trackers: Sequence[Path]) -> dict[str, Any]:
+    """Return the device columns of the trackers' ways, one after the other."""
+    values = {
+        "time": np.concatenate([way.time[:-1] for way in trackers]),
+        "place": np.concatenate([way.place[:-1] for way in trackers]),
+        "way": np.concatenate([way.way for way in trackers]),
+        "rate": np.concatenate([way.rate for way in trackers]),
+    }
+    return _columns(clouds.Legs, "leg", values)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How far estimates are from the target, each (ways of following, runs, rows)."""
+
+    position: Array  # [m]
+    course: Array  # [rad], 0 to pi
+    speed: Array  # [m/s]
+
+
+def errors(found: Estimates, place: Array, velocity: Array) -> Errors:
+    """Return how far estimates are from a target at places (runs, rows, 3) with velocities [1/s] there."""
+    turned = np.angle(np.exp(1j * (found.course - path.course(place, velocity))))
+    speed = np.linalg.norm(velocity, axis=-1) * sphere.RADIUS
+    return Errors(path.arc(found.place, place) * sphere.RADIUS, np.abs(turned), np.abs(found.speed - speed))

@@ -1,0 +1,388 @@
+"""Clouds of particles that follow targets which are rarely seen: moved, cut by sweeps of sensors and filled again.
+
+A cloud is what one tracker knows of one target: at most `size` particles, those that count first. Each keeps a great
+circle at its own speed from an anchor, and acts at times of its own (`Rules`). A sweep that detected something keeps
+the particles in the box of the detection; one that found nothing keeps those outside the sensor's reach. What is left
+of too few is filled again by duplicates, by a new draw from the detection's box, or the track is lost.
+
+The methods are the heuristics of Borovies 2007 (see drift.tracker), no Bayes. One thread takes one cloud, so that no
+number depends on how many threads there are.
+"""
+
+from typing import Any
+
+import taichi as ti
+
+from kernels import launch, noise
+
+Doubles = ti.types.ndarray(dtype=ti.f64, ndim=1)
+Ints = ti.types.ndarray(dtype=ti.i32, ndim=1)
+f64x3 = ti.types.vector(3, ti.f64)
+
+SILENT, DETECTED, MARK = range(3)  # what a sweep came to; MARK: nothing was swept, the estimate is asked for
+DUPLICATE, WEIGHTED, AIMED, COMBINED = range(4)  # how a cloud is filled: the last three from a detection's box
+ACTING, SEEKING, HIDING = range(3)  # what a particle is about
+
+FAR = 0.05  # [rad] of way after which the anchor moves on, so that the series below hold to 1e-12
+NEVER = 1e300  # [s]
+
+Cloud = ti.types.argpack(
+    own_place=Doubles,  # (3 n,) unit vector of the anchor
+    own_way=Doubles,  # (3 n,) unit tangent there
+    own_rate=Doubles,  # [rad/s]
+    own_since=Doubles,  # [s] when it was at the anchor
+    own_due=Doubles,  # [s] when it acts next
+    own_weight=Doubles,
+    own_mode=Ints,  # ACTING, SEEKING or HIDING
+    own_serial=Ints,  # how many of its cloud were drawn before it: the key of its random numbers
+    own_acts=Ints,  # how often it has acted
+    own_heap=Doubles,  # scratch: sums of weights
+)  # fmt: skip
+
+Tracks = ti.types.argpack(
+    track_run=Ints,  # key of the random numbers: clouds of one run share them
+    track_rules=Ints,  # row of Rules
+    track_first=Ints,  # its sweeps are those from `first` to before `last`
+    track_last=Ints,
+    track_first_leg=Ints,  # its tracker's legs
+    track_last_leg=Ints,
+    track_first_row=Ints,  # of the estimates: that of a sweep is this and its `row`
+    track_count=Ints,  # particles that count
+    track_drawn=Ints,  # particles drawn so far
+    track_e_place=Doubles,  # (3 n,) stored estimate: unit vector
+    track_e_rate=Doubles,  # [rad/s] its speed; < 0: there is none yet
+    track_e_time=Doubles,  # [s]
+)  # fmt: skip
+
+Rules = ti.types.argpack(
+    rule_change=Doubles,  # probability that a particle which acts takes another course and speed
+    rule_seek=Doubles,  # that it seeks from then on
+    rule_hide=Doubles,  # that it hides
+    rule_leave=Doubles,  # that one which seeks or hides acts freely again
+    rule_soonest=Doubles,  # [s] between acts; NEVER: particles do not act
+    rule_latest=Doubles,
+    rule_spread=Doubles,  # [rad] half of the sector about the reciprocal bearing in which one hides
+    rule_fastest=Doubles,  # [rad/s]
+    rule_partial=Doubles,  # share of particles below which duplicates are made
+    rule_bulk=Doubles,  # share below which the box is drawn from anew, or the track is lost
+    rule_method=Ints,  # WEIGHTED, AIMED or COMBINED
+)
+
+Sweeps = ti.types.argpack(
+    sweep_time=Doubles,  # [s]
+    sweep_place=Doubles,  # (3 n,) unit vector of the sensor
+    sweep_bearing=Doubles,  # [rad] of the detection
+    sweep_half=Doubles,  # [rad] its box on either side; pi: all round
+    sweep_near=Doubles,  # [rad] its box, or how far a sensor reaches that found nothing
+    sweep_far=Doubles,
+    sweep_outcome=Ints,  # SILENT, DETECTED or MARK
+    sweep_row=Ints,  # of the estimates, or -1
+)  # fmt: skip
+
+Legs = ti.types.argpack(
+    leg_time=Doubles,  # [s]
+    leg_place=Doubles,  # (3 n,) unit vector of its begin
+    leg_way=Doubles,  # (3 n,) unit tangent there
+    leg_rate=Doubles,  # [rad/s]
+)
+
+FIELDS = ("x", "y", "z", "east", "north", "rate", "count", "total")  # of an estimate; velocities [rad/s]
+
+
+@ti.func
+def unit(word: ti.u32) -> ti.f64:
+    """Return a uniform number in (0, 1)."""
+    return (ti.cast(word, ti.f64) + ti.f64(0.5)) * ti.f64(1 / 4294967296)
+
+
+@ti.func
+def words(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, run: ti.i32, serial: ti.i32, number: ti.i32):
+    """Return four words for a particle of a run's clouds."""
+    return noise.philox(
+        ti.cast(serial, ti.u32), ti.cast(number, ti.u32), ti.cast(stream, ti.u32), ti.cast(run, ti.u32), seed0, seed1
+    )
+
+
+@ti.func
+def vector(column: ti.template(), i: ti.i32) -> f64x3:
+    """Return the vector in row i of a column of three numbers a row."""
+    return f64x3(column[3 * i], column[3 * i + 1], column[3 * i + 2])
+
+
+@ti.func
+def frame(p: f64x3):
+    """Return the unit vectors (east, north) at a place; at a pole those of longitude 0."""
+    across = ti.sqrt(p[0] * p[0] + p[1] * p[1])
+    east = f64x3(0.0, 1.0, 0.0)
+    if across > ti.f64(1e-12):
+        east = f64x3(-p[1] / across, p[0] / across, 0.0)
+    return east, p.cross(east)
+
+
+@ti.func
+def turned(p: f64x3, u: f64x3, angle: ti.f64):
+    """Return (place, tangent) after a way of an angle [rad], of at most a few times FAR, from place and tangent."""
+    y = angle * angle
+    c = ti.f64(1.0) - y * (ti.f64(1 / 2) - y * (ti.f64(1 / 24) - y * ti.f64(1 / 720)))
+    s = angle * (ti.f64(1.0) - y * (ti.f64(1 / 6) - y * (ti.f64(1 / 120) - y * ti.f64(1 / 5040))))
+    return p * c + u * s, u * c - p * s
+
+
+@ti.func
+def at(cloud: ti.template(), i: ti.i32):
+    """Return (anchor, tangent) of a particle."""
+    return vector(cloud.own_place, i), vector(cloud.own_way, i)
+
+
+@ti.func
+def anchor(cloud: ti.template(), i: ti.i32, p: f64x3, u: f64x3, time: ti.f64):
+    """Anchor a particle anew, at a place [unit vector] on a way [unit tangent], since a time [s]."""
+    for d in ti.static(range(3)):
+        cloud.own_place[3 * i + d], cloud.own_way[3 * i + d] = p[d], u[d]
+    cloud.own_since[i] = time
+
+
+@ti.func
+def copied(cloud: ti.template(), i: ti.i32, to: ti.i32):
+    """Write particle i over another."""
+    p, u = at(cloud, i)
+    anchor(cloud, to, p, u, cloud.own_since[i])
+    cloud.own_rate[to], cloud.own_due[to], cloud.own_weight[to] = (
+        cloud.own_rate[i],
+        cloud.own_due[i],
+        cloud.own_weight[i],
+    )
+    cloud.own_mode[to], cloud.own_serial[to], cloud.own_acts[to] = (
+        cloud.own_mode[i],
+        cloud.own_serial[i],
+        cloud.own_acts[i],
+    )
+
+
+@ti.func
+def tracker_at(legs: ti.template(), first: ti.i32, last: ti.i32, time: ti.f64):
+    """Return (place, tangent, rate) of a tracker at a time [s]."""
+    leg = first
+    while leg + 1 < last and legs.leg_time[leg + 1] <= time:
+        leg += 1
+    p, u = vector(legs.leg_place, leg), vector(legs.leg_way, leg)
+    angle = legs.leg_rate[leg] * (time - legs.leg_time[leg])
+    c, s = ti.cos(angle), ti.sin(angle)
+    return p * c + u * s, u * c - p * s, legs.leg_rate[leg]
+
+
+@ti.func
+def act(
+    cloud: ti.template(), rules: ti.template(), legs: ti.template(), i: ti.i32, law: ti.i32, first: ti.i32,
+    last: ti.i32, run: ti.i32, seed0: ti.u32, seed1: ti.u32,
+):  # fmt: skip
+    """Have a particle act at its own time: keep its course, take another, seek or hide."""
+    time = cloud.own_due[i]
+    p0, u0 = at(cloud, i)
+    p, u = turned(p0, u0, cloud.own_rate[i] * (time - cloud.own_since[i]))
+    cloud.own_acts[i] += 1
+    drawn = words(seed0, seed1, noise.STREAM_ACT, run, cloud.own_serial[i], cloud.own_acts[i])
+    choice, mode = unit(drawn[0]), cloud.own_mode[i]
+    if mode != ACTING:
+        mode = ACTING if choice < rules.rule_leave[law] else mode
+    elif choice > 1.0 - rules.rule_hide[law]:
+        mode = HIDING
+    elif choice > 1.0 - rules.rule_hide[law] - rules.rule_seek[law]:
+        mode = SEEKING
+    east, north = frame(p)
+    if mode == ACTING:
+        if cloud.own_mode[i] == ACTING and choice < rules.rule_change[law]:
+            course = unit(drawn[1]) * ti.f64(6.283185307179586)
+            u = north * ti.cos(course) + east * ti.sin(course)
+            cloud.own_rate[i] = unit(drawn[2]) * rules.rule_fastest[law]
+    else:
+        s, v, rate = tracker_at(legs, first, last, time)
+        e, n = s.dot(east), s.dot(north)
+        course = ti.atan2(e, n)
+        if mode == HIDING:
+            course += ti.f64(3.141592653589793) + (2.0 * unit(drawn[1]) - 1.0) * rules.rule_spread[law]
+        else:
+            # What is across the line of sight must be the same for both: then the bearing stays and they meet.
+            right = p.cross(s).normalized(ti.f64(1e-15)) * ti.f64(-1.0)
+            lead = rate * v.dot(right) / ti.max(cloud.own_rate[i], ti.f64(1e-12))
+            if ti.abs(lead) < 1.0:
+                course += ti.asin(lead)
+        u = north * ti.cos(course) + east * ti.sin(course)
+    cloud.own_mode[i] = mode
+    anchor(cloud, i, p, u, time)
+    cloud.own_due[i] = (
+        time + rules.rule_soonest[law] + unit(drawn[3]) * (rules.rule_latest[law] - rules.rule_soonest[law])
+    )
+
+
+@ti.func
+def clock(rules: ti.template(), law: ti.i32, time: ti.f64, word: ti.u32) -> ti.f64:
+    """Return when a particle that is new at a time acts first [s]."""
+    due = ti.f64(NEVER)
+    if rules.rule_soonest[law] < NEVER:
+        due = time + rules.rule_soonest[law] + unit(word) * (rules.rule_latest[law] - rules.rule_soonest[law])
+    return due
+
+
+@ti.kernel
+def _follow(
+    clouds: ti.i32, size: ti.i32, seed0: ti.u32, seed1: ti.u32, cloud: Cloud, tracks: Tracks, rules: Rules,
+    sweeps: Sweeps, legs: Legs, estimates: Doubles,
+):  # fmt: skip
+    for k in range(clouds):
+        law, run, base = tracks.track_rules[k], tracks.track_run[k], k * size
+        first_leg, last_leg = tracks.track_first_leg[k], tracks.track_last_leg[k]
+        count, drawn = tracks.track_count[k], tracks.track_drawn[k]
+        quickest = rules.rule_fastest[law]
+        for leg in range(first_leg, last_leg):
+            quickest = ti.max(quickest, rules.rule_fastest[law] + legs.leg_rate[leg])
+        # No particle comes within a chord of `clear` of the tracker before `clear_until`.
+        clear, clear_until = ti.f64(0.0), ti.f64(-NEVER)
+        for e in range(tracks.track_first[k], tracks.track_last[k]):
+            time, outcome = sweeps.sweep_time[e], sweeps.sweep_outcome[e]
+            far = ti.sin(sweeps.sweep_far[e] * 0.5) * 2.0
+            if outcome == SILENT and sweeps.sweep_row[e] < 0 and far <= clear and time < clear_until:
+                continue
+            s = vector(sweeps.sweep_place, e)
+            east, north = frame(s)
+            half, bearing = sweeps.sweep_half[e], sweeps.sweep_bearing[e]
+            ahead = north * ti.cos(bearing) + east * ti.sin(bearing)
+            aside = east * ti.cos(bearing) - north * ti.sin(bearing)
+            sine, cosine, all_round = ti.sin(half), ti.cos(half), half > ti.f64(3.14159265)
+            near = ti.sin(sweeps.sweep_near[e] * 0.5) * 2.0
+            held = count > 0
+            left, nearest = 0, ti.f64(4.0)
+            for j in range(count):
+                i = base + j
+                while cloud.own_due[i] <= time:
+                    act(cloud, rules, legs, i, law, first_leg, last_leg, run, seed0, seed1)
+                p0, u0 = at(cloud, i)
+                angle = cloud.own_rate[i] * (time - cloud.own_since[i])
+                p, u = turned(p0, u0, angle)
+                if angle > FAR:
+                    anchor(cloud, i, p.normalized(), u.normalized(), time)
+                keep = True
+                if outcome != MARK:
+                    apart = p - s
+                    squared = apart.dot(apart)
+                    inside = squared <= far * far and squared >= near * near
+                    nearest = ti.min(nearest, squared)
+                    if inside and not all_round:
+                        inside = sine * p.dot(ahead) >= cosine * ti.abs(p.dot(aside))
+                    keep = inside == (outcome == DETECTED)
+                if keep:
+                    if left < j:
+                        copied(cloud, i, base + left)
+                    left += 1
+            cut = left < count
+            count = left
+            clear_until = ti.f64(-NEVER)
+            if outcome == SILENT and not cut:
+                clear = far
+                clear_until = time + 0.999 * (ti.sqrt(nearest) - far) / ti.max(quickest, ti.f64(1e-12))
+            ratio = ti.cast(count, ti.f64) / ti.cast(size, ti.f64)
+            if outcome == SILENT and held and cut and ratio < rules.rule_bulk[law]:
+                count = 0
+            elif outcome == DETECTED and ratio < rules.rule_bulk[law]:
+                # A new draw from the box, by what was estimated at the last detection, if there was one.
+                known = tracks.track_e_rate[k] >= 0.0
+                old = vector(tracks.track_e_place, k)
+                elapsed = ti.max(time - tracks.track_e_time[k], ti.f64(1e-9))
+                high, pace = rules.rule_fastest[law], tracks.track_e_rate[k]
+                low = 2.0 * pace - high
+                by_place = known and rules.rule_method[law] != AIMED
+                by_course = known and rules.rule_method[law] != WEIGHTED
+                knot = high / 32.0  # the least weight is a tenth of a knot where the fastest makes 32
+                mean = ti.f64(0.0)
+                for j in range(count):
+                    if by_place:
+                        cloud.own_weight[base + j] = ti.max(high - pace, 0.1 * knot)
+                    mean += cloud.own_weight[base + j]
+                mean = mean / ti.max(ti.cast(count, ti.f64), ti.f64(1.0)) if count > 0 else ti.f64(1.0)
+                for j in range(count, size):
+                    i = base + j
+                    a = words(seed0, seed1, noise.STREAM_CLOUD, run, drawn, 0)
+                    b = words(seed0, seed1, noise.STREAM_CLOUD, run, drawn, 1)
+                    distance = sweeps.sweep_near[e] + unit(a[0]) * (sweeps.sweep_far[e] - sweeps.sweep_near[e])
+                    way = bearing + (2.0 * unit(a[1]) - 1.0) * half
+                    p = s * ti.cos(distance) + (north * ti.cos(way) + east * ti.sin(way)) * ti.sin(distance)
+                    own_east, own_north = frame(p)
+                    course, rate = unit(a[2]) * ti.f64(6.283185307179586), unit(a[3]) * high
+                    u = own_north * ti.cos(course) + own_east * ti.sin(course)
+                    apart = p - old
+                    gone = 2.0 * ti.asin(ti.min(0.5 * ti.sqrt(apart.dot(apart)), ti.f64(1.0)))
+                    if by_course and unit(b[0]) < 0.5:
+                        rate = ti.min(gone / elapsed, high)
+                        u = (p * ti.cos(gone) - old).normalized(ti.f64(1e-15))
+                    weight = mean
+                    if by_place:
+                        need = gone / elapsed
+                        weight = ti.max(need - low if need < pace else high - need, 0.1 * knot)
+                    anchor(cloud, i, p, u, time)
+                    cloud.own_rate[i], cloud.own_weight[i], cloud.own_mode[i] = rate, weight, ACTING
+                    cloud.own_serial[i], cloud.own_acts[i] = drawn, 0
+                    cloud.own_due[i] = clock(rules, law, time, b[1])
+                    drawn += 1
+                count = size
+            elif outcome != MARK and held and count > 0 and ratio < rules.rule_partial[law]:
+                total = ti.f64(0.0)
+                for j in range(count):
+                    total += cloud.own_weight[base + j]
+                    cloud.own_heap[base + j] = total
+                for j in range(count, size):
+                    b = words(seed0, seed1, noise.STREAM_CLOUD, run, drawn, 1)
+                    want = unit(b[0]) * total
+                    low, high = 0, count - 1
+                    while low < high:
+                        middle = (low + high) // 2
+                        if cloud.own_heap[base + middle] < want:
+                            low = middle + 1
+                        else:
+                            high = middle
+                    copied(cloud, base + low, base + j)
+                    cloud.own_mode[base + j], cloud.own_serial[base + j], cloud.own_acts[base + j] = ACTING, drawn, 0
+                    cloud.own_due[base + j] = clock(rules, law, time, b[1])
+                    drawn += 1
+                count = size
+            if count > 0 and (outcome == DETECTED or sweeps.sweep_row[e] >= 0):
+                total, rate = ti.f64(0.0), ti.f64(0.0)
+                mean, velocity = f64x3(0.0, 0.0, 0.0), f64x3(0.0, 0.0, 0.0)
+                for j in range(count):
+                    i = base + j
+                    p0, u0 = at(cloud, i)
+                    p, u = turned(p0, u0, cloud.own_rate[i] * (time - cloud.own_since[i]))
+                    w = cloud.own_weight[i]
+                    total += w
+                    rate += w * cloud.own_rate[i]
+                    mean += p * w
+                    velocity += u * (w * cloud.own_rate[i])
+                mean = mean.normalized()
+                if outcome == DETECTED:
+                    for d in ti.static(range(3)):
+                        tracks.track_e_place[3 * k + d] = mean[d]
+                    tracks.track_e_rate[k], tracks.track_e_time[k] = rate / total, time
+                if sweeps.sweep_row[e] >= 0:
+                    row = (tracks.track_first_row[k] + sweeps.sweep_row[e]) * 8
+                    own_east, own_north = frame(mean)
+                    for d in ti.static(range(3)):
+                        estimates[row + d] = mean[d]
+                    estimates[row + 3] = velocity.dot(own_east) / total
+                    estimates[row + 4] = velocity.dot(own_north) / total
+                    estimates[row + 5] = rate / total
+                    estimates[row + 6] = ti.cast(count, ti.f64)
+                    estimates[row + 7] = total
+        tracks.track_count[k], tracks.track_drawn[k] = count, drawn
+
+
+def follow(size: int, seed: int, cloud: Any, tracks: Any, rules: Any, sweeps: Any, legs: Any, estimates: Any) -> None:
+    """Take clouds through their sweeps.
+
+    size: most particles of a cloud; cloud: columns of Cloud by name, of all clouds (clouds * size,); tracks, rules,
+    sweeps, legs: columns of Tracks, Rules, Sweeps and Legs; estimates: (rows * 8,), the FIELDS of each.
+    """
+    seed0, seed1 = noise.key(seed)
+    packs = [
+        launch.pack(kind, *(columns[name] for name in kind.members))
+        for kind, columns in ((Cloud, cloud), (Tracks, tracks), (Rules, rules), (Sweeps, sweeps), (Legs, legs))
+    ]
+    _follow(tracks["track_count"].shape[0], size, seed0, seed1, *packs, estimates)

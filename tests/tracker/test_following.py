@@ -1,0 +1,242 @@
+"""Clouds that follow a target: the thesis' exact points, its tables, and laws in closed form (SciPy, pyproj)."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pyproj import Geod
+from scipy import stats
+
+from drift.tracker import following, path, sweeps
+from drift.tracker.following import Clouds, World
+from drift.tracker.path import Leg, Path
+from drift.tracker.records import METHODS, Behaviour, Filling, Plan, Sensor, Tracker
+from geo import sphere
+from kernels.clouds import DETECTED, HIDING, SEEKING, SILENT
+
+EARTH = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
+NMI, KNOT, MINUTE, HOUR = 1852.0, 1852 / 3600, 60.0, 3600.0
+EYES = Sensor("visual", 10 * NMI, 0.3, math.radians(1.5), 12.0)
+RADAR = Sensor("radar", 30 * NMI, 0.05, math.radians(1.0), 1.2)
+DETECTOR = Sensor("radar detector", 60 * NMI, 0.8, math.radians(5.0), 1.2, hears=True)
+TWENTY = Plan(0.0, 20 * MINUTE, 5 * MINUTE)
+FASTEST = 32 * KNOT
+LON, LAT = math.radians(-121.0), math.radians(34.0)
+
+NAIVE = Tracker("naive", Behaviour(FASTEST), Filling("combined", 0.75, 0.25))
+ACTS = (3 * MINUTE, 15 * MINUTE)
+CONTEXT = Tracker("context", Behaviour(FASTEST, change=0.5, acts=ACTS), Filling())
+SEEKER = Tracker("seeker", Behaviour(FASTEST, change=0.45, seek=0.1, acts=ACTS), Filling())
+HIDER = Tracker("hider", Behaviour(FASTEST, change=0.45, hide=0.1, acts=ACTS), Filling())
+
+
+def leg(course: float, speed: float, minutes: float) -> Leg:
+    return Leg(math.radians(course), speed * KNOT, minutes * MINUTE)
+
+
+def way(east: float, north: float, *legs: Leg) -> Path:
+    """Return a way that begins so many nautical miles from the middle of the patch."""
+    lon, lat = sphere.destination(LON, LAT, east * NMI, north * NMI)
+    return path.of_legs(float(lon), float(lat), legs)
+
+
+def world(
+    tracker: Path, target: Path, sensors: list[Sensor], end: float, every: float, detections: bool = False
+) -> World:
+    emissions = sweeps.emitted(TWENTY, 1.2, end)
+    parts = []
+    for sensor in sensors:
+        moments = sweeps.times(sensor, end, emissions)
+        parts.append(sweeps.of_sensor(sensor, moments, tracker, target.at(moments)[0]))
+    parts.append(sweeps.marks(np.arange(every, end + 1e-6, every), tracker))
+    return World(tracker, sweeps.ordered(parts, detections))
+
+
+def wrong(found: following.Estimates, scene: World, target: Path) -> tuple[np.ndarray, following.Errors]:
+    """Return (times [min], errors) of what is recorded."""
+    time = scene.sweeps.time[scene.sweeps.row >= 0]
+    return time / MINUTE, following.errors(found, *target.at(time))
+
+
+CLOSING = world(
+    path.standing(LON, LAT, 0.0, 4 * HOUR), way(85, 0, leg(270, 20, 240)), [EYES, DETECTOR], 4 * HOUR, 300.0
+)
+RED = way(85, 0, leg(270, 20, 240))
+
+
+def test_the_first_closing_detection_is_off_by_half_of_its_box() -> None:
+    """|R - (0.2 R + min(1.8 R, 60)) / 2|, times the shortening of an arc's mean by sin(a) / a, with the error of a mean."""
+    first = world(CLOSING.tracker, RED, [DETECTOR], 81 * MINUTE, HOUR * 9, detections=True)
+    size = 20_000
+    found = following.follow([first], [NAIVE], size, 3)
+    time, errors = wrong(found, first, RED)
+    there = EARTH.inv(*np.degrees([LON, LAT]), *np.ravel(path.degrees(RED.at([time[0] * MINUTE])[0])))[2] / NMI
+    low, high = 0.2 * there, min(1.8 * there, 60.0)
+    mean = (low + high) / 2 * np.sin(np.radians(5)) / np.radians(5)
+    spread = (high - low) / np.sqrt(12 * size)
+    assert abs(errors.position[0, 0, 0] / NMI - abs(there - mean)) < 4 * spread
+    # All headings and speeds from 0 to 32 are as likely.
+    assert abs(found.speed[0, 0, 0] / KNOT - 16) < 4 * 32 / np.sqrt(12 * size)
+    assert np.linalg.norm(found.velocity[0, 0, 0]) / KNOT < 4 * 32 / np.sqrt(3 * size)
+
+
+def test_nothing_parts_naive_from_contextual_before_three_minutes_and_the_methods_in_closing() -> None:
+    trackers = [replace(NAIVE, filling=Filling(method, 0.75, 0.25)) for method in METHODS]
+    trackers += [replace(CONTEXT, filling=Filling(method)) for method in METHODS]
+    two = [CLOSING, CLOSING]
+    found = following.follow(two, trackers, 300, 8)
+    time = wrong(found, CLOSING, RED)[0]
+    passive = (time >= 85) & (time <= 215)
+    for first in (0, 3):
+        for other in (first + 1, first + 2):
+            np.testing.assert_array_equal(found.place[first][:, passive], found.place[other][:, passive])
+    assert not np.array_equal(found.place[0][0, passive], found.place[0][1, passive])  # other runs, other numbers
+    detected = CLOSING.sweeps.time[CLOSING.sweeps.outcome == DETECTED][0]
+    early = world(CLOSING.tracker, RED, [EYES, DETECTOR], detected + 3 * MINUTE, HOUR * 9, detections=True)
+    both = following.follow([early], [NAIVE, CONTEXT], 300, 8)
+    assert both.place.shape[2] > 100
+    np.testing.assert_array_equal(both.place[0], both.place[1])
+
+
+def one_box(
+    bearing: float, near: float, far: float, half: float, time: float, place: np.ndarray, outcome: int = DETECTED
+) -> sweeps.Sweeps:
+    """Return one sweep with ranges in nautical miles and angles in degrees."""
+    return sweeps.Sweeps(
+        np.array([time]), place[None], np.radians([bearing]), np.radians([half]), np.array([near]) * NMI / sphere.RADIUS,
+        np.array([far]) * NMI / sphere.RADIUS, np.array([outcome], np.int32), np.array([-1], np.int32),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_new_draw_is_weighted_by_the_speed_it_needs_and_aimed_from_the_last_estimate(method: str) -> None:
+    """The window about 10 kn is -12 to 32; 40 kn would weigh -8, and weighs 0.1. Ranges by pyproj."""
+    here = path.vector(LON, LAT)
+    parts = [one_box(100.0, 4.0, 4.4, 2.0, 0.0, here), one_box(60.0, 6.0, 48.0, 10.0, HOUR, here)]
+    scene = World(path.standing(LON, LAT, 0.0, HOUR), sweeps.ordered(parts))
+    size = 4000
+    held = Clouds([scene], [Tracker("x", Behaviour(FASTEST), Filling(method, 0.75, 0.25))], size, 4)
+    before = held.go(10.0).particles(0, 0, 0.0)
+    estimate = path.degrees((before.weight @ before.place)[None])
+    pace = np.linalg.norm(before.velocity, axis=1) @ before.weight * sphere.RADIUS / KNOT
+    later = held.particles(0, 0, HOUR).place
+    after = held.go().particles(0, 0, HOUR)
+    survived = path.arc(after.place[:, None], later[None]).min(axis=1) < 1e-12
+    assert 10 < np.count_nonzero(survived) < size / 4
+    lon, lat = path.degrees(after.place)
+    _, back, far = EARTH.inv(np.full(size, estimate[0][0]), np.full(size, estimate[1][0]), lon, lat)
+    need = far / NMI
+    low, high = 2 * pace - 32, 32.0
+    weight = np.maximum(np.where(need < pace, need - low, high - need), 0.1)
+    assert (need > 40).any()
+    weight = np.where(survived, high - pace, weight)
+    if method == "course":
+        weight[:] = 1.0
+    np.testing.assert_allclose(after.weight, weight / weight.sum(), rtol=1e-6)
+    speed = np.linalg.norm(after.velocity, axis=1) * sphere.RADIUS / KNOT
+    course = np.degrees(path.course(after.place, after.velocity))
+    onward = (np.abs((course - back) % 360 - 180) < 1e-3) & ~survived
+    if method == "position":
+        assert not onward.any()
+    else:
+        fresh = size - np.count_nonzero(survived)
+        assert abs(np.count_nonzero(onward) - fresh / 2) < 4 * 0.5 * np.sqrt(fresh)
+        np.testing.assert_allclose(speed[onward], np.minimum(need[onward], 32.0), rtol=1e-6)
+    assert stats.kstest(speed[~onward & ~survived] / 32, "uniform").pvalue > 1e-3
+
+
+def test_a_seeker_meets_a_tracker_under_way_and_a_hider_flees_within_its_sector() -> None:
+    """The bearing of what meets stays the same: they are a few metres apart where the ways cross, wherever it began."""
+    blue = way(0, 0, leg(217, 11, 600))
+    parts = [one_box(0.0, 5.0, 20.0, 180.0, 0.0, path.vector(LON, LAT))]
+    scene = World(blue, sweeps.ordered([*parts, sweeps.marks(np.array([1.0, 601.0]), blue)]))
+    acts = (100.0, 400.0)
+    size = 3000
+    for law, mode in (
+        (Behaviour(FASTEST, seek=1.0, acts=acts), SEEKING),
+        (Behaviour(FASTEST, hide=1.0, acts=acts), HIDING),
+    ):
+        held = Clouds([scene], [Tracker("x", law, Filling())], size, 4)
+        first = np.linalg.norm(held.go(10.0).particles(0, 0, 1.0).velocity, axis=1)
+        after = held.go().particles(0, 0, 601.0)
+        assert (after.mode == mode).all()
+        speed = np.linalg.norm(after.velocity, axis=1)
+        np.testing.assert_allclose(speed, first, rtol=1e-9)  # the speed is kept
+        if mode == SEEKING:
+            fast = speed * sphere.RADIUS > 13 * KNOT  # what is faster than the tracker meets it
+            times = 601.0 + np.arange(0, 8 * HOUR, 20.0)
+            u, v = after.place[fast], after.velocity[fast] / speed[fast, None]
+            nearest = np.full(fast.sum(), np.inf)
+            for time in times:
+                angle = (speed[fast] * (time - 601.0))[:, None]
+                p = u * np.cos(angle) + v * np.sin(angle)
+                nearest = np.minimum(nearest, path.arc(p, blue.at([time])[0]) * sphere.RADIUS)
+            # Half of 20 s at their relative speed, and the sphere's turn of the bearing over 20 nmi.
+            assert np.median(nearest) < 10 * 43 * KNOT
+            assert np.quantile(nearest, 0.9) < 400
+        else:
+            lon, lat = path.degrees(after.place)
+            there = np.degrees([LON, LAT])
+            reciprocal = EARTH.inv(lon, lat, np.full(size, there[0]), np.full(size, there[1]))[0] + 180
+            off = (np.degrees(path.course(after.place, after.velocity)) - reciprocal + 180) % 360 - 180
+            # The tracker has made up to 1.2 nmi since, seen from 5 nmi or more, and the hider has moved on.
+            assert 28 < np.abs(off).max() < 30 + np.degrees(np.arcsin(1.2 / 5)) + 2
+            assert abs(off.mean()) < 3
+
+
+def test_what_acts_freely_takes_any_course_and_speed_at_private_times() -> None:
+    """After 2 h of acts every 3 to 15 min, half of them changes, all but 1 in 10^3 have changed: uniform in both."""
+    here = path.standing(LON, LAT, 0.0, 3 * HOUR)
+    parts = [one_box(70.0, 5.0, 20.0, 10.0, 0.0, path.vector(LON, LAT)), sweeps.marks(np.array([2.0 * HOUR]), here)]
+    scene = World(here, sweeps.ordered(parts))
+    after = Clouds([scene], [CONTEXT], 6000, 4).go().particles(0, 0, 2 * HOUR)
+    speed = np.linalg.norm(after.velocity, axis=1) * sphere.RADIUS / FASTEST
+    assert stats.kstest(speed, "uniform").pvalue > 1e-3
+    course = path.course(after.place, after.velocity)
+    assert stats.kstest(course, stats.uniform(-np.pi, 2 * np.pi).cdf).pvalue > 1e-3
+
+
+def test_silence_cuts_what_was_in_reach_and_a_track_of_which_too_little_is_left_is_lost() -> None:
+    """A box of 2 to 12 nmi, uniform in range, has a fifth within 4 nmi and four fifths within 10."""
+    here, at = path.standing(LON, LAT, 0.0, HOUR), path.vector(LON, LAT)
+    slow = Tracker("x", Behaviour(1e-6), Filling("combined", 0.5, 0.25))
+    size = 4000
+    for reach, left in ((4.0, 0.8), (10.0, 0.0)):
+        box, silent = one_box(70.0, 2.0, 12.0, 10.0, 0.0, at), one_box(0.0, 0.0, reach, 180.0, 5.0, at, SILENT)
+        held = Clouds([World(here, sweeps.ordered([box, silent]))], [slow], size, 4).go()
+        count = len(held.particles(0, 0, 5.0).weight)
+        assert abs(count - left * size) <= 4 * np.sqrt(left * (1 - left) * size)
+
+
+def test_sweeps_that_can_cut_nothing_are_passed_over_without_a_difference() -> None:
+    """Where every sweep records its estimate none is passed over; what is left is the same but for the last bits."""
+    blue, red = way(0, 0, leg(90, 18, 240)), way(40, 6, leg(262, 9, 240))
+    scene = world(blue, red, [EYES, DETECTOR], 4 * HOUR, 300.0)
+    told = scene.sweeps
+    every = replace(told, row=np.arange(len(told), dtype=np.int32))
+    assert (told.outcome == SILENT).sum() > 800
+    some, full = (following.follow([World(blue, s)], [CONTEXT, SEEKER], 500, 6) for s in (told, every))
+    at = told.row >= 0
+    np.testing.assert_array_equal(some.count, full.count[:, :, at])
+    assert np.nanmin(some.count) < 500
+    np.testing.assert_allclose(some.place, full.place[:, :, at], atol=1e-9)
+
+
+@pytest.mark.slow
+def test_the_table_of_closing() -> None:
+    """Tables 11 to 13 by the readings of an independent simulation: their tolerances and, beyond, those of 40 runs."""
+    found = following.follow([CLOSING] * 40, [NAIVE, CONTEXT, SEEKER], 2500, 17)
+    time, errors = wrong(found, CLOSING, RED)
+    passive = (time >= 85) & (time <= 215)
+    position = errors.position[..., passive].mean(axis=(1, 2)) / NMI
+    course = np.degrees(errors.course[..., passive].mean(axis=(1, 2)))
+    speed = errors.speed[..., passive].mean(axis=(1, 2)) / KNOT
+    np.testing.assert_allclose(position, [7.67, 9.38, 6.79], atol=0.2)
+    np.testing.assert_allclose(speed, [12.84, 6.25, 6.58], atol=0.2)
+    assert abs(course[0] - 110) < 8
+    assert abs(course[1] - 77) < 8
+    assert abs(course[2] - 4.9) < 1.5
+    # The negative control: the length of the mean velocity is no estimate of the speed.
+    length = np.linalg.norm(found.velocity, axis=-1) / KNOT
+    assert (np.abs(length - 20)[:2][..., passive].mean(axis=(1, 2)) > 17).all()
