@@ -23,6 +23,8 @@ SILENT, DETECTED, MARK = range(3)  # what a sweep came to; MARK: nothing was swe
 DUPLICATE, WEIGHTED, AIMED, COMBINED = range(4)  # how a cloud is filled: the last three from a detection's box
 ACTING, SEEKING, HIDING = range(3)  # what a particle is about
 
+BLOCK = 512  # turns of a loop that Taichi never parts between threads: one cloud in each
+LEAST = 0.1 / 32  # least weight, as a share of the fastest speed: a tenth of a knot where that is 32
 FAR = 0.05  # [rad] of way after which the anchor moves on, so that the series below hold to 1e-12
 NEVER = 1e300  # [s]
 
@@ -224,154 +226,236 @@ def clock(rules: ti.template(), law: ti.i32, time: ti.f64, word: ti.u32) -> ti.f
     return due
 
 
+@ti.func
+def cut(
+    cloud: ti.template(), rules: ti.template(), sweeps: ti.template(), legs: ti.template(), e: ti.i32, base: ti.i32,
+    count: ti.i32, law: ti.i32, first_leg: ti.i32, last_leg: ti.i32, run: ti.i32, seed0: ti.u32, seed1: ti.u32,
+):  # fmt: skip
+    """Have particles act until sweep e, and keep those that it does not contradict, closed up to the front.
+
+    Returns how many are left, the least squared chord from the sensor to any that there was, and the sums over what is
+    left: of weights, and by weight of speeds, places and velocities.
+    """
+    time, outcome, bearing, half = (
+        sweeps.sweep_time[e],
+        sweeps.sweep_outcome[e],
+        sweeps.sweep_bearing[e],
+        sweeps.sweep_half[e],
+    )
+    s = vector(sweeps.sweep_place, e)
+    east, north = frame(s)
+    ahead = north * ti.cos(bearing) + east * ti.sin(bearing)
+    aside = east * ti.cos(bearing) - north * ti.sin(bearing)
+    sine, cosine, all_round = ti.sin(half), ti.cos(half), half > ti.f64(3.14159265)
+    near, far = chord(sweeps.sweep_near[e]), chord(sweeps.sweep_far[e])
+    left, nearest = 0, ti.f64(4.0)
+    total, rate = ti.f64(0.0), ti.f64(0.0)
+    mean, velocity = f64x3(0.0, 0.0, 0.0), f64x3(0.0, 0.0, 0.0)
+    for j in range(count):
+        i = base + j
+        while cloud.own_due[i] <= time:
+            act(cloud, rules, legs, i, law, first_leg, last_leg, run, seed0, seed1)
+        p0, u0 = at(cloud, i)
+        angle = cloud.own_rate[i] * (time - cloud.own_since[i])
+        p, u = turned(p0, u0, angle)
+        if angle > FAR:
+            anchor(cloud, i, p.normalized(), u.normalized(), time)
+        keep = True
+        if outcome != MARK:
+            apart = p - s
+            squared = apart.dot(apart)
+            inside = squared <= far * far and squared >= near * near
+            nearest = ti.min(nearest, squared)
+            if inside and not all_round:
+                # The angle off the bearing is at most `half`, of 0 to pi, where sin(half - angle) is not negative.
+                inside = sine * p.dot(ahead) >= cosine * ti.abs(p.dot(aside))
+            keep = inside == (outcome == DETECTED)
+        if keep:
+            if left < j:
+                copied(cloud, i, base + left)
+            left += 1
+            w = cloud.own_weight[i]
+            total += w
+            rate += w * cloud.own_rate[i]
+            mean += p * w
+            velocity += u * (w * cloud.own_rate[i])
+    return left, nearest, total, rate, mean, velocity
+
+
+@ti.func
+def chord(angle: ti.f64) -> ti.f64:
+    """Return the chord of an arc [rad] of the unit sphere."""
+    return ti.sin(angle * 0.5) * 2.0
+
+
+@ti.func
+def drawn_anew(
+    cloud: ti.template(), tracks: ti.template(), rules: ti.template(), sweeps: ti.template(), e: ti.i32, k: ti.i32,
+    count: ti.i32, size: ti.i32, drawn: ti.i32, seed0: ti.u32, seed1: ti.u32,
+):  # fmt: skip
+    """Fill a cloud from the box of a detection; return how many particles it has drawn so far.
+
+    The last estimate tells which of them are likely, or where they come from; without one all are alike.
+    """
+    law, run, base, time, bearing = (
+        tracks.track_rules[k],
+        tracks.track_run[k],
+        k * size,
+        sweeps.sweep_time[e],
+        sweeps.sweep_bearing[e],
+    )
+    s = vector(sweeps.sweep_place, e)
+    east, north = frame(s)
+    known, old, pace = tracks.track_e_rate[k] >= 0.0, vector(tracks.track_e_place, k), tracks.track_e_rate[k]
+    elapsed = ti.max(time - tracks.track_e_time[k], ti.f64(1e-9))
+    high = rules.rule_fastest[law]
+    low, least = 2.0 * pace - high, high * LEAST
+    by_place = known and rules.rule_method[law] != AIMED
+    by_course = known and rules.rule_method[law] != WEIGHTED
+    mean = ti.f64(0.0)
+    for j in range(count):
+        if by_place:
+            cloud.own_weight[base + j] = ti.max(high - pace, least)
+        mean += cloud.own_weight[base + j]
+    mean = mean / ti.cast(count, ti.f64) if count > 0 else ti.f64(1.0)
+    for j in range(count, size):
+        i, serial = base + j, drawn + j - count
+        a = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 0)
+        b = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1)
+        distance = sweeps.sweep_near[e] + unit(a[0]) * (sweeps.sweep_far[e] - sweeps.sweep_near[e])
+        way = bearing + (2.0 * unit(a[1]) - 1.0) * sweeps.sweep_half[e]
+        p = s * ti.cos(distance) + (north * ti.cos(way) + east * ti.sin(way)) * ti.sin(distance)
+        own_east, own_north = frame(p)
+        course, rate = unit(a[2]) * ti.f64(6.283185307179586), unit(a[3]) * high
+        u = own_north * ti.cos(course) + own_east * ti.sin(course)
+        apart = p - old
+        gone = 2.0 * ti.asin(ti.min(0.5 * ti.sqrt(apart.dot(apart)), ti.f64(1.0)))
+        need = gone / elapsed
+        if by_course and unit(b[0]) < 0.5:
+            rate = ti.min(need, high)
+            u = (p * ti.cos(gone) - old).normalized(ti.f64(1e-15))
+        weight = mean
+        if by_place:
+            weight = ti.max(need - low if need < pace else high - need, least)
+        anchor(cloud, i, p, u, time)
+        cloud.own_rate[i], cloud.own_weight[i], cloud.own_mode[i] = rate, weight, ACTING
+        cloud.own_serial[i], cloud.own_acts[i], cloud.own_due[i] = serial, 0, clock(rules, law, time, b[1])
+    return drawn + size - count
+
+
+@ti.func
+def duplicated(
+    cloud: ti.template(), rules: ti.template(), base: ti.i32, count: ti.i32, size: ti.i32, drawn: ti.i32, law: ti.i32,
+    time: ti.f64, run: ti.i32, seed0: ti.u32, seed1: ti.u32,
+):  # fmt: skip
+    """Fill a cloud with duplicates of what is left, by weight; return how many particles it has drawn so far.
+
+    A duplicate keeps its weight, and neither what it is about nor when it acts.
+    """
+    total = ti.f64(0.0)
+    for j in range(count):
+        total += cloud.own_weight[base + j]
+        cloud.own_heap[base + j] = total
+    for j in range(count, size):
+        i, serial = base + j, drawn + j - count
+        b = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1)
+        want, low, high = unit(b[0]) * total, 0, count - 1
+        while low < high:
+            middle = (low + high) // 2
+            if cloud.own_heap[base + middle] < want:
+                low = middle + 1
+            else:
+                high = middle
+        copied(cloud, base + low, i)
+        cloud.own_mode[i], cloud.own_serial[i], cloud.own_acts[i] = ACTING, serial, 0
+        cloud.own_due[i] = clock(rules, law, time, b[1])
+    return drawn + size - count
+
+
+@ti.func
+def summed(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64):
+    """Return the sums of a cloud at a time [s]: of weights, and by weight of speeds, places and velocities."""
+    total, rate = ti.f64(0.0), ti.f64(0.0)
+    mean, velocity = f64x3(0.0, 0.0, 0.0), f64x3(0.0, 0.0, 0.0)
+    for j in range(count):
+        i = base + j
+        p0, u0 = at(cloud, i)
+        p, u = turned(p0, u0, cloud.own_rate[i] * (time - cloud.own_since[i]))
+        w = cloud.own_weight[i]
+        total += w
+        rate += w * cloud.own_rate[i]
+        mean += p * w
+        velocity += u * (w * cloud.own_rate[i])
+    return total, rate, mean, velocity
+
+
+@ti.func
+def followed(
+    k: ti.i32, size: ti.i32, seed0: ti.u32, seed1: ti.u32, cloud: ti.template(), tracks: ti.template(),
+    rules: ti.template(), sweeps: ti.template(), legs: ti.template(), estimates: ti.template(),
+):  # fmt: skip
+    """Take cloud k through its sweeps."""
+    law, run, base = tracks.track_rules[k], tracks.track_run[k], k * size
+    first_leg, last_leg = tracks.track_first_leg[k], tracks.track_last_leg[k]
+    count, drawn = tracks.track_count[k], tracks.track_drawn[k]
+    quickest = rules.rule_fastest[law]
+    for leg in range(first_leg, last_leg):
+        quickest = ti.max(quickest, rules.rule_fastest[law] + legs.leg_rate[leg])
+    # No particle comes within a chord of `clear` of the tracker before `clear_until`.
+    clear, clear_until = ti.f64(0.0), ti.f64(-NEVER)
+    for e in range(tracks.track_first[k], tracks.track_last[k]):
+        time, outcome, row, far = (
+            sweeps.sweep_time[e],
+            sweeps.sweep_outcome[e],
+            sweeps.sweep_row[e],
+            chord(sweeps.sweep_far[e]),
+        )
+        if outcome == SILENT and row < 0 and far <= clear and time < clear_until:
+            continue
+        before = count
+        count, nearest, total, rate, mean, velocity = cut(
+            cloud, rules, sweeps, legs, e, base, before, law, first_leg, last_leg, run, seed0, seed1
+        )
+        clear_until = ti.f64(-NEVER)
+        if outcome == SILENT and count == before:
+            clear = far
+            clear_until = time + 0.999 * (ti.sqrt(nearest) - far) / ti.max(quickest, ti.f64(1e-12))
+        share = ti.cast(count, ti.f64) / ti.cast(size, ti.f64)
+        if outcome == SILENT and count < before and share < rules.rule_bulk[law]:
+            count = 0  # the track is lost
+        elif outcome == DETECTED and share < rules.rule_bulk[law]:
+            drawn = drawn_anew(cloud, tracks, rules, sweeps, e, k, count, size, drawn, seed0, seed1)
+            count = size
+            total, rate, mean, velocity = summed(cloud, base, count, time)
+        elif outcome != MARK and count > 0 and share < rules.rule_partial[law]:
+            drawn = duplicated(cloud, rules, base, count, size, drawn, law, time, run, seed0, seed1)
+            count = size
+            total, rate, mean, velocity = summed(cloud, base, count, time)
+        if count > 0 and (outcome == DETECTED or row >= 0):
+            mean, velocity, rate = mean.normalized(), velocity / total, rate / total
+            if outcome == DETECTED:
+                for d in ti.static(range(3)):
+                    tracks.track_e_place[3 * k + d] = mean[d]
+                tracks.track_e_rate[k], tracks.track_e_time[k] = rate, time
+            if row >= 0:
+                place = (tracks.track_first_row[k] + row) * 8
+                own_east, own_north = frame(mean)
+                for d in ti.static(range(3)):
+                    estimates[place + d] = mean[d]
+                estimates[place + 3], estimates[place + 4] = velocity.dot(own_east), velocity.dot(own_north)
+                estimates[place + 5], estimates[place + 6], estimates[place + 7] = rate, ti.cast(count, ti.f64), total
+    tracks.track_count[k], tracks.track_drawn[k] = count, drawn
+
+
 @ti.kernel
 def _follow(
     clouds: ti.i32, size: ti.i32, seed0: ti.u32, seed1: ti.u32, cloud: Cloud, tracks: Tracks, rules: Rules,
     sweeps: Sweeps, legs: Legs, estimates: Doubles,
 ):  # fmt: skip
-    for k in range(clouds):
-        law, run, base = tracks.track_rules[k], tracks.track_run[k], k * size
-        first_leg, last_leg = tracks.track_first_leg[k], tracks.track_last_leg[k]
-        count, drawn = tracks.track_count[k], tracks.track_drawn[k]
-        quickest = rules.rule_fastest[law]
-        for leg in range(first_leg, last_leg):
-            quickest = ti.max(quickest, rules.rule_fastest[law] + legs.leg_rate[leg])
-        # No particle comes within a chord of `clear` of the tracker before `clear_until`.
-        clear, clear_until = ti.f64(0.0), ti.f64(-NEVER)
-        for e in range(tracks.track_first[k], tracks.track_last[k]):
-            time, outcome = sweeps.sweep_time[e], sweeps.sweep_outcome[e]
-            far = ti.sin(sweeps.sweep_far[e] * 0.5) * 2.0
-            if outcome == SILENT and sweeps.sweep_row[e] < 0 and far <= clear and time < clear_until:
-                continue
-            s = vector(sweeps.sweep_place, e)
-            east, north = frame(s)
-            half, bearing = sweeps.sweep_half[e], sweeps.sweep_bearing[e]
-            ahead = north * ti.cos(bearing) + east * ti.sin(bearing)
-            aside = east * ti.cos(bearing) - north * ti.sin(bearing)
-            sine, cosine, all_round = ti.sin(half), ti.cos(half), half > ti.f64(3.14159265)
-            near = ti.sin(sweeps.sweep_near[e] * 0.5) * 2.0
-            held = count > 0
-            left, nearest = 0, ti.f64(4.0)
-            for j in range(count):
-                i = base + j
-                while cloud.own_due[i] <= time:
-                    act(cloud, rules, legs, i, law, first_leg, last_leg, run, seed0, seed1)
-                p0, u0 = at(cloud, i)
-                angle = cloud.own_rate[i] * (time - cloud.own_since[i])
-                p, u = turned(p0, u0, angle)
-                if angle > FAR:
-                    anchor(cloud, i, p.normalized(), u.normalized(), time)
-                keep = True
-                if outcome != MARK:
-                    apart = p - s
-                    squared = apart.dot(apart)
-                    inside = squared <= far * far and squared >= near * near
-                    nearest = ti.min(nearest, squared)
-                    if inside and not all_round:
-                        inside = sine * p.dot(ahead) >= cosine * ti.abs(p.dot(aside))
-                    keep = inside == (outcome == DETECTED)
-                if keep:
-                    if left < j:
-                        copied(cloud, i, base + left)
-                    left += 1
-            cut = left < count
-            count = left
-            clear_until = ti.f64(-NEVER)
-            if outcome == SILENT and not cut:
-                clear = far
-                clear_until = time + 0.999 * (ti.sqrt(nearest) - far) / ti.max(quickest, ti.f64(1e-12))
-            ratio = ti.cast(count, ti.f64) / ti.cast(size, ti.f64)
-            if outcome == SILENT and held and cut and ratio < rules.rule_bulk[law]:
-                count = 0
-            elif outcome == DETECTED and ratio < rules.rule_bulk[law]:
-                # A new draw from the box, by what was estimated at the last detection, if there was one.
-                known = tracks.track_e_rate[k] >= 0.0
-                old = vector(tracks.track_e_place, k)
-                elapsed = ti.max(time - tracks.track_e_time[k], ti.f64(1e-9))
-                high, pace = rules.rule_fastest[law], tracks.track_e_rate[k]
-                low = 2.0 * pace - high
-                by_place = known and rules.rule_method[law] != AIMED
-                by_course = known and rules.rule_method[law] != WEIGHTED
-                knot = high / 32.0  # the least weight is a tenth of a knot where the fastest makes 32
-                mean = ti.f64(0.0)
-                for j in range(count):
-                    if by_place:
-                        cloud.own_weight[base + j] = ti.max(high - pace, 0.1 * knot)
-                    mean += cloud.own_weight[base + j]
-                mean = mean / ti.max(ti.cast(count, ti.f64), ti.f64(1.0)) if count > 0 else ti.f64(1.0)
-                for j in range(count, size):
-                    i = base + j
-                    a = words(seed0, seed1, noise.STREAM_CLOUD, run, drawn, 0)
-                    b = words(seed0, seed1, noise.STREAM_CLOUD, run, drawn, 1)
-                    distance = sweeps.sweep_near[e] + unit(a[0]) * (sweeps.sweep_far[e] - sweeps.sweep_near[e])
-                    way = bearing + (2.0 * unit(a[1]) - 1.0) * half
-                    p = s * ti.cos(distance) + (north * ti.cos(way) + east * ti.sin(way)) * ti.sin(distance)
-                    own_east, own_north = frame(p)
-                    course, rate = unit(a[2]) * ti.f64(6.283185307179586), unit(a[3]) * high
-                    u = own_north * ti.cos(course) + own_east * ti.sin(course)
-                    apart = p - old
-                    gone = 2.0 * ti.asin(ti.min(0.5 * ti.sqrt(apart.dot(apart)), ti.f64(1.0)))
-                    if by_course and unit(b[0]) < 0.5:
-                        rate = ti.min(gone / elapsed, high)
-                        u = (p * ti.cos(gone) - old).normalized(ti.f64(1e-15))
-                    weight = mean
-                    if by_place:
-                        need = gone / elapsed
-                        weight = ti.max(need - low if need < pace else high - need, 0.1 * knot)
-                    anchor(cloud, i, p, u, time)
-                    cloud.own_rate[i], cloud.own_weight[i], cloud.own_mode[i] = rate, weight, ACTING
-                    cloud.own_serial[i], cloud.own_acts[i] = drawn, 0
-                    cloud.own_due[i] = clock(rules, law, time, b[1])
-                    drawn += 1
-                count = size
-            elif outcome != MARK and held and count > 0 and ratio < rules.rule_partial[law]:
-                total = ti.f64(0.0)
-                for j in range(count):
-                    total += cloud.own_weight[base + j]
-                    cloud.own_heap[base + j] = total
-                for j in range(count, size):
-                    b = words(seed0, seed1, noise.STREAM_CLOUD, run, drawn, 1)
-                    want = unit(b[0]) * total
-                    low, high = 0, count - 1
-                    while low < high:
-                        middle = (low + high) // 2
-                        if cloud.own_heap[base + middle] < want:
-                            low = middle + 1
-                        else:
-                            high = middle
-                    copied(cloud, base + low, base + j)
-                    cloud.own_mode[base + j], cloud.own_serial[base + j], cloud.own_acts[base + j] = ACTING, drawn, 0
-                    cloud.own_due[base + j] = clock(rules, law, time, b[1])
-                    drawn += 1
-                count = size
-            if count > 0 and (outcome == DETECTED or sweeps.sweep_row[e] >= 0):
-                total, rate = ti.f64(0.0), ti.f64(0.0)
-                mean, velocity = f64x3(0.0, 0.0, 0.0), f64x3(0.0, 0.0, 0.0)
-                for j in range(count):
-                    i = base + j
-                    p0, u0 = at(cloud, i)
-                    p, u = turned(p0, u0, cloud.own_rate[i] * (time - cloud.own_since[i]))
-                    w = cloud.own_weight[i]
-                    total += w
-                    rate += w * cloud.own_rate[i]
-                    mean += p * w
-                    velocity += u * (w * cloud.own_rate[i])
-                mean = mean.normalized()
-                if outcome == DETECTED:
-                    for d in ti.static(range(3)):
-                        tracks.track_e_place[3 * k + d] = mean[d]
-                    tracks.track_e_rate[k], tracks.track_e_time[k] = rate / total, time
-                if sweeps.sweep_row[e] >= 0:
-                    row = (tracks.track_first_row[k] + sweeps.sweep_row[e]) * 8
-                    own_east, own_north = frame(mean)
-                    for d in ti.static(range(3)):
-                        estimates[row + d] = mean[d]
-                    estimates[row + 3] = velocity.dot(own_east) / total
-                    estimates[row + 4] = velocity.dot(own_north) / total
-                    estimates[row + 5] = rate / total
-                    estimates[row + 6] = ti.cast(count, ti.f64)
-                    estimates[row + 7] = total
-        tracks.track_count[k], tracks.track_drawn[k] = count, drawn
+    """Take every cloud through its sweeps, each by a thread of its own."""
+    for turn in range(clouds * BLOCK):
+        if turn % BLOCK == 0:
+            followed(turn // BLOCK, size, seed0, seed1, cloud, tracks, rules, sweeps, legs, estimates)
 
 
 def follow(size: int, seed: int, cloud: Any, tracks: Any, rules: Any, sweeps: Any, legs: Any, estimates: Any) -> None:

@@ -129,6 +129,7 @@ class Purpose(enum.IntEnum):
     BACKWARD_WORLDS = 12
     BACKWARD_PRIOR = 13  # releases from which the prior's map is made
     DEBRIS_COAST = 14  # of a class of debris at the coast: walks near it, landings, waits; number: of the class, from 1
+    TARGET = 15  # the way of a target that acts, which is followed
 
 
 def seed_for(seed: int, purpose: Purpose, number: int = 0) -> int:

@@ -61,7 +61,7 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
     wrong = Mistakes()
     for key, value in (overrides or {}).items():
         with wrong.gathered():
-            _override(data, key, value)
+            override(data, key, value)
         text += f"\n# --set {key}={value}"
     return _validated(data, path, text, wrong)
 
@@ -134,7 +134,7 @@ def source(quantity: str, files: Sequence[str], overrides: Mapping[str, str]) ->
         with wrong.gathered():
             if key.partition(".")[0] in ("files", "name", "fill", "add"):
                 raise UserError(f"--set {key}: this key says nothing of how a file is read")
-            _override(data, key, value)
+            override(data, key, value)
     wrong.refuse()
     try:
         return SourceTable.model_validate(data).spec(quantity, 1, np.datetime64("1970-01-01", "s"), Path.cwd())
@@ -205,8 +205,8 @@ def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
         raise UserError(f"cannot read case {str(name)[:300]!a}: {error}") from None
 
 
-def _override(data: dict[str, Any], key: str, value: str) -> None:
-    """Set one place of the tables as read to a TOML value."""
+def override(data: dict[str, Any], key: str, value: str) -> None:
+    """Set one place of the tables as read, like clock.step, to a TOML value. Raises UserError where there is no such place."""
     if not f"{key}{value}".isascii() and any("\ud800" <= letter <= "\udfff" for letter in f"{key}{value}"):
         raise UserError(f"--set {key!a}={value!a} is not text in UTF-8")
     try:

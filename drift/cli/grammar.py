@@ -90,6 +90,7 @@ def parser() -> Parser:
     _add_fit_bridge(commands)
 
     _add_sensor(commands)
+    _add_experiment(commands)
 
     check = commands.add_parser("check", help="validate a case and its forcing without running")
     _add_case(check)
@@ -272,6 +273,16 @@ def _add_fit_bridge(commands: Any) -> None:
         help="also fit every other track and say what the 50 and 90 %% areas hold of the rest",
     )
     _add_output(fit, quiet=False)
+
+
+def _add_experiment(commands: Any) -> None:
+    experiment = commands.add_parser(
+        "experiment",
+        help="follow a target that is rarely seen in many runs and several ways, and say how well each does",
+    )
+    _add_case(experiment)
+    experiment.add_argument("--runs", type=int, metavar="N", help="how many (default: the case's)")
+    _add_results(experiment, "NAME-experiment")
 
 
 def _add_sensor(commands: Any) -> None:

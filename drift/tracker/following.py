@@ -2,18 +2,19 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from drift.tracker import path
+from drift.tracker import sweeps as sweeps_of
 from drift.tracker.path import Path
-from drift.tracker.records import METHODS, Tracker
+from drift.tracker.records import METHODS, Behaviour, Filling, Tracker
 from drift.tracker.sweeps import Sweeps, joined
 from geo import sphere
 from geo.array import Array
-from kernels import clouds, runtime
+from kernels import clouds, noise, runtime
 
 TOGETHER = 2**21  # particles that are held at once: 250 MB
 
@@ -117,6 +118,16 @@ class Clouds:
         clouds.follow(self.size, self.seed, self._cloud, self._tracks, *self._fixed, self._found)
         return self
 
+    def hold(self, place: Array, velocity: Array) -> None:
+        """Have one particle in every cloud, at a place with a velocity [1/s] at the start, each (3,)."""
+        many, rate = math.prod(self.shape), float(np.linalg.norm(velocity))
+        onward = velocity / rate if rate > 0 else path.frame(place).north
+        for name, value in (("own_place", place), ("own_way", onward)):
+            self._cloud[name].from_numpy(np.tile(value, (many, self.size)).reshape(-1))
+        self._cloud["own_rate"].from_numpy(np.full(many * self.size, rate))
+        self._cloud["own_weight"].from_numpy(np.ones(many * self.size))
+        self._tracks["track_count"].from_numpy(np.ones(many, np.int32))
+
     @property
     def fields(self) -> Array:
         """What is recorded so far, (ways of following, worlds, rows, kernels.clouds.FIELDS)."""
@@ -170,6 +181,25 @@ def legs(trackers: Sequence[Path]) -> dict[str, Any]:
         "rate": np.concatenate([way.rate for way in trackers]),
     }
     return _columns(clouds.Legs, "leg", values)
+
+
+def wanders(begin: Path, law: Behaviour, tracker: Path, moments: Array, runs: int, seed: int) -> list[Path]:
+    """Return the ways of a target that acts, one a run; begin: a way from which it departs at its first act.
+
+    moments: times [s], ascending, between which it is taken to go straight. It is moved as a particle is, by numbers of
+    its own.
+    """
+    place, velocity = begin.at([0.0])
+    way = Tracker("target", law, Filling())
+    marks = sweeps_of.marks(moments, tracker)
+    marks = replace(marks, row=np.arange(len(moments), dtype=np.int32))
+    seed = noise.seed_for(seed, noise.Purpose.TARGET)
+    alone = Clouds([World(tracker, marks)] * runs, [way], 1, seed)
+    alone.hold(place[0], velocity[0])
+    found = alone.go().fields[0, ..., :3]
+    time = np.append(0.0, moments) if moments[0] > 0 else moments
+    first = np.broadcast_to(place, (runs, 1, 3)) if moments[0] > 0 else found[:, :0]
+    return [Path(time, both) for both in np.concatenate([first, found], axis=1)]
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,11 @@ class Sweeps:
     outcome: Array  # kernels.clouds.SILENT, DETECTED or MARK
     row: Array  # of the estimates, or -1
 
+    @property
+    def marked(self) -> Array:
+        """Whether each is a mark, at which nothing is swept."""
+        return np.asarray(self.outcome == MARK)
+
     def __len__(self) -> int:
         return len(self.time)
 

@@ -1,0 +1,368 @@
+"""The file of a tracking case: a target that is rarely seen, who follows it and how, as TOML.
+
+It is a small file of its own, without forcing. Its words are those of cases. Every mistake is found here, all of them at once, a
+line each.
+"""
+
+import math
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from drift.case import fields, messages, mistakes, units
+from drift.case import file as case_file
+from drift.case.mistakes import Mistakes
+from drift.tracker import path
+from drift.tracker.path import Leg
+from drift.tracker.records import Behaviour, Filling, Plan, Sensor, Tracker
+from drift.tracker.study import Criteria, Scene, Study
+from geo.errors import UserError
+from geo.files import small
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+LARGEST = 2**20  # [bytes] of such a file
+MOST_SWEEPS = 2_000_000  # of one sensor in a run
+MOST = 100_000  # runs, and particles of a cloud
+SHORTEST = 0.1  # [s] between sweeps
+
+
+def _ambiguity(value: object) -> float:
+    share = units.quantity(value, "", "range ambiguity", "0.3")
+    if not 0 <= share <= 1:
+        raise ValueError(f"{value!r} must be a share of the range, 0 (exact) to 1 (nothing is told of it)")
+    return share
+
+
+def _bearing(value: object) -> float:
+    """Return an error of bearings on either side [deg]."""
+    degrees = units.quantity(value, "deg", "error of a bearing", "1.5 deg")
+    if not 0 < degrees <= 180:
+        raise ValueError(f"{value!r} must be above 0 and at most 180 degrees, on either side")
+    return degrees
+
+
+Elapsed = Annotated[float, BeforeValidator(fields.interval)]
+Ambiguity = Annotated[float, BeforeValidator(_ambiguity)]
+BearingError = Annotated[float, BeforeValidator(_bearing)]
+
+
+class LegTable(fields.Table):
+    """A rhumb line."""
+
+    course: fields.Direction
+    """True, in degrees."""
+    speed: fields.Speed
+    """Over ground."""
+    lasting: fields.Duration | None = None
+    """How long; the last one until the end of the case by default."""
+
+
+class PlanTable(fields.Table):
+    """When a radar is on."""
+
+    every: fields.Duration
+    """From one begin to the next."""
+    lasting: fields.Duration
+    """How long each time."""
+    begin: Elapsed = 0.0
+    """When first, after the start."""
+
+    def plan(self) -> Plan:
+        """Return the record."""
+        return Plan(self.begin, self.every, self.lasting)
+
+    @model_validator(mode="after")
+    def proper(self) -> "PlanTable":
+        """Refuse times that run into one another."""
+        if self.lasting > self.every:
+            raise ValueError(f"lasting {self.lasting:g} s is longer than every, {self.every:g} s")
+        return self
+
+
+class WayTable(fields.Table):
+    """Where something is."""
+
+    at: fields.Position
+    """Where it begins."""
+    legs: list[LegTable] = Field(default_factory=list)
+    """Where it goes, one after the other; without any it stays."""
+
+    def way(self, end: float) -> path.Path:
+        """Return the way until an end [s]."""
+        left, legs = end, []
+        for number, leg in enumerate(self.legs, 1):
+            if leg.lasting is None and number < len(self.legs):
+                raise ValueError(f"legs {number}: lasting is missing; only the last leg goes on until the end")
+            lasting = min(left, end if leg.lasting is None else leg.lasting)
+            if lasting > 0:
+                legs.append(Leg(math.radians(leg.course), leg.speed, lasting))
+            left -= lasting
+        lon, lat = np.radians(self.at)
+        return path.of_legs(float(lon), float(lat), legs)
+
+
+class BehaviourTable(fields.Table):
+    """What something does at times of its own."""
+
+    fastest: fields.ShipSpeed
+    """No course is taken at more."""
+    acts: fields.DurationRange | None = None
+    """Least and longest time between acts; without it course and speed are kept."""
+    change: fields.Share = 0.0
+    """Probability that what acts takes another course and speed, any of them."""
+    seek: fields.Share = 0.0
+    """That from then on it seeks the tracker."""
+    hide: fields.Share = 0.0
+    """That from then on it flees from it."""
+    leave: fields.Share = 0.0
+    """That one which seeks or flees acts freely again."""
+    spread: BearingError = 30.0
+    """On either side of the reciprocal bearing on which one flees."""
+
+    @model_validator(mode="after")
+    def proper(self) -> "BehaviourTable":
+        """Refuse probabilities that are more than one together."""
+        whole = self.change + self.seek + self.hide
+        if whole > 1 + 1e-9:
+            raise ValueError(
+                f"change {self.change:g}, seek {self.seek:g} and hide {self.hide:g} are {whole:g} together; at most 1 (what is left keeps its course)"
+            )
+        if self.acts is None and whole > 0:
+            raise ValueError('change, seek and hide are at times of acts; give acts = ["3 min", "15 min"]')
+        if self.acts is not None and self.acts[0] <= 0:
+            raise ValueError("acts: the shortest time between acts must be above 0")
+        return self
+
+    def behaviour(self) -> Behaviour:
+        """Return the record."""
+        return Behaviour(
+            self.fastest, self.change, self.seek, self.hide, self.leave, self.acts, math.radians(self.spread)
+        )
+
+
+class TargetTable(WayTable):
+    """Who is followed."""
+
+    radiates: PlanTable | None = None
+    """When its radar is on; never by default."""
+    sweep: fields.Duration = 1.2
+    """Of its radar."""
+    behaviour: BehaviourTable | None = None
+    """What it does on its own from its first act on, another in each run; by default it keeps to its legs."""
+
+
+class SensorTable(fields.Table):
+    """A sensor of the tracker, which detects whatever is within its reach."""
+
+    name: fields.Label
+    """What it is called."""
+    reach: fields.Width
+    """How far."""
+    range_ambiguity: Ambiguity
+    """0: ranges are exact; 1: nothing is told of them."""
+    bearing_ambiguity: BearingError
+    """On either side, in degrees."""
+    sweep: fields.Duration = 1.2
+    """Time between its looks all round."""
+    on: PlanTable | bool = True
+    """When it is on."""
+    hears: bool = False
+    """It detects a target's radar while that is on; its silence tells nothing."""
+
+    @model_validator(mode="after")
+    def proper(self) -> "SensorTable":
+        """Refuse sweeps that no sensor makes."""
+        if self.sweep < SHORTEST:
+            raise ValueError(f"sweep {self.sweep:g} s must be {SHORTEST:g} s or more")
+        return self
+
+    def sensor(self, emissions: float) -> Sensor:
+        """Return the record; emissions: [s] between those of the target."""
+        plan = Plan() if self.on is True else Plan(math.inf) if self.on is False else self.on.plan()
+        interval = emissions if self.hears else self.sweep
+        return Sensor(
+            self.name,
+            self.reach,
+            self.range_ambiguity,
+            math.radians(self.bearing_ambiguity),
+            interval,
+            plan,
+            self.hears,
+        )
+
+
+class MethodTable(BehaviourTable):
+    """A way of following: what particles do, and how their cloud is filled again."""
+
+    name: fields.Label
+    """What it is called."""
+    fill: Literal["position", "course", "combined"] = "combined"
+    """How particles are drawn anew from a detection: weighted by the speed they need from the last estimate, on the course from it, or both."""
+    partial: fields.Share = 0.75
+    """Share of the particles below which what is left is duplicated."""
+    bulk: fields.Share = 0.1
+    """Share below which they are drawn anew from a detection; after silence the track is lost."""
+
+    def tracker(self) -> Tracker:
+        """Return the record."""
+        return Tracker(self.name, self.behaviour(), Filling(self.fill, self.partial, self.bulk))
+
+    @model_validator(mode="after")
+    def thresholds(self) -> "MethodTable":
+        """Refuse thresholds the wrong way round."""
+        if self.bulk > self.partial:
+            raise ValueError(f"bulk {self.bulk:g} must not be above partial {self.partial:g}")
+        return self
+
+
+class CriteriaTable(fields.Table):
+    """How near an estimate must be."""
+
+    position: fields.Width
+    """Distance."""
+    course: BearingError
+    """Degrees."""
+    speed: fields.ShipSpeed
+    """Difference of speeds."""
+
+
+class ExperimentTable(fields.Table):
+    """Many runs."""
+
+    runs: fields.Count = 100
+    """How many."""
+    window: fields.DurationRange | None = None
+    """Times after the start between which figures are averaged; all by default."""
+    criteria: CriteriaTable | None = None
+    """Of the time to criteria."""
+    published: dict[str, dict[str, float]] = Field(default_factory=dict)
+    """Figures to set beside, by way of following and figure."""
+
+
+class TrackingTable(fields.Table):
+    """The whole file."""
+
+    title: fields.Label
+    """What it is called."""
+    start: fields.Time
+    """Date and time."""
+    duration: fields.Duration
+    """How long it is followed."""
+    every: fields.Duration = 300.0
+    """Time between figures."""
+    particles: fields.Count = 2500
+    """Of each cloud."""
+    seed: fields.Count = 1
+    """Of all random numbers."""
+    target: TargetTable
+    """Who is followed."""
+    tracker: WayTable
+    """Who follows."""
+    sensor: Annotated[list[SensorTable], Field(min_length=1)]
+    """Its sensors."""
+    method: Annotated[list[MethodTable], Field(min_length=1)]
+    """Ways of following, the first of which is the case's own."""
+    experiment: ExperimentTable = ExperimentTable()
+    """Many runs."""
+
+
+def shipped() -> list[str]:
+    """Return the names of the tracking cases that ship with the project."""
+    folder = resources.files("cases") / "tracking"
+    return sorted(file.name.removesuffix(".toml") for file in folder.iterdir() if file.name.endswith(".toml"))
+
+
+def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = None) -> Study:
+    """Return what a tracking case asks, of a TOML file or a shipped case's name.
+
+    overrides: as of drift.load.
+
+    Raises one UserError for whatever is wrong with it, a line for each mistake.
+    """
+    own = str(name) in shipped()
+    place = Path(str(resources.files("cases") / "tracking" / f"{name}.toml")) if own else Path(name)
+    try:
+        text = small.contents(place, LARGEST).decode("utf-8-sig")
+        data = tomllib.loads(text)
+    except OSError as error:
+        known = ", ".join(shipped())
+        raise UserError(
+            f'case "{str(name)[:300]}": cannot be read: {error.strerror}; tracking cases that ship: {known}'
+        ) from None
+    except UnicodeDecodeError:
+        raise UserError(f'case "{name}": is not text in UTF-8') from None
+    except (ValueError, RecursionError) as error:
+        raise UserError(f"{place.name}: not valid TOML: {error}") from None
+    wrong = Mistakes()
+    for key, value in (overrides or {}).items():
+        with wrong.gathered():
+            case_file.override(data, key, value)
+        text += f"\n# --set {key}={value}"
+    wrong.refuse()
+    if "target" not in data and ("scenario" in data or "spill" in data):
+        raise UserError(f"{place.name}: is a case of drift run; a tracking case has [target] and [tracker]")
+    try:
+        return study(TrackingTable.model_validate(data), place.stem, text)
+    except ValidationError as error:
+        raise _refusal(place, messages.lines(error, data)) from None
+    except (UserError, ValueError) as error:
+        raise _refusal(place, error.lines if isinstance(error, UserError) else (str(error),)) from None
+
+
+def _refusal(place: Path, lines: Sequence[str]) -> UserError:
+    return UserError(*(f"{place.name}: {' '.join(line.split())}" for line in mistakes.shortened(tuple(lines))))
+
+
+def study(table: TrackingTable, name: str, text: str) -> Study:
+    """Return what the tables ask for; name, text: of their file. Raises UserError with a line for each mistake."""
+    wrong: list[str] = []
+    start = table.start
+    if isinstance(start, np.timedelta64):
+        wrong.append("start: must be a date and time")
+        start = np.datetime64(0, "s")
+    for what, value in (("particles", table.particles), ("experiment.runs", table.experiment.runs)):
+        if not 1 <= value <= MOST:
+            wrong.append(f"{what}: {value:,} must be 1 to {MOST:,}")
+    if not 0 <= table.seed < 2**64:
+        wrong.append(f"seed: {table.seed} must be 0 to 2**64 - 1")
+    if table.every > table.duration:
+        wrong.append(f"every: {table.every:g} s is longer than the case, {table.duration:g} s")
+    for kind in ("sensor", "method"):
+        names = [one.name for one in getattr(table, kind)]
+        wrong += [f'{kind} "{name}": there are two of this name' for name in {n for n in names if names.count(n) > 1}]
+    for sensor in table.sensor:
+        if table.duration / sensor.sweep > MOST_SWEEPS:
+            wrong.append(f'sensor "{sensor.name}".sweep: asks for more than {MOST_SWEEPS:,} sweeps')
+        if sensor.hears and table.target.radiates is None:
+            wrong.append(
+                f'sensor "{sensor.name}": hears the target\'s radar, which is never on; give [target.radiates]'
+            )
+    strange = sorted(set(table.experiment.published) - {method.name for method in table.method})
+    wrong += [f'experiment.published: no method "{name}"' for name in strange]
+    if wrong:
+        raise UserError(*wrong)
+    criteria = table.experiment.criteria
+    target = table.target
+    return Study(
+        name, text, table.title, start, table.duration, table.every, table.particles, table.seed,
+        table.experiment.runs, table.tracker.way(table.duration),
+        Scene(
+            target.way(table.duration), None if target.radiates is None else target.radiates.plan(), target.sweep,
+            None if target.behaviour is None else target.behaviour.behaviour(),
+        ),
+        tuple(sensor.sensor(target.sweep) for sensor in table.sensor),
+        tuple(method.tracker() for method in table.method),
+        table.experiment.window or (0.0, math.inf),
+        None if criteria is None else Criteria(criteria.position, math.radians(criteria.course), criteria.speed),
+        table.experiment.published,
+    )  # fmt: skip

@@ -1,0 +1,134 @@
+"""The picture of an experiment: how far off each way of following is as time goes, with what was published beside it."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from drift.maps import page, sheet
+from drift.maps.chart import GREY, INK
+from drift.maps.imprint import Imprint
+from drift.maps.sheet import Row, Sheet
+from drift.tracker import text
+from drift.tracker.experiment import MET, Outcome
+
+WIDTH, PANEL, KEY = 11.7, 2.1, 0.21  # [in] of the page, of a panel with its gap, of a line of the key
+COLOURS = ("#0b4f8a", "#b3261e", "#1b5e20", "#8a5a00", "#6a3d9a", "#00838f", "#37474f", "#c2185b")
+DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)), (0, (1, 1)))
+NAMES = {"position": "Position error [nmi]", "course": "Course error [deg]", "speed": "Speed error [kn]"}
+
+
+def draw(found: Outcome, path: Path, imprint: Imprint) -> None:
+    """Draw the errors of an experiment over time into a PNG."""
+    groups = text.alike(found, curves=True)
+    met = next((figure for figure in found.figures if figure.name == MET), None)
+    panels = len(text.ERRORS) + (met is not None)
+    over, under = 1.05, 0.75 + KEY * (len(groups) + 2)
+    height = over + panels * PANEL + under
+    on = sheet.begin(
+        Sheet(
+            WIDTH, height, 130, left=0.07, title=sheet.heading(1 - 0.4 / height, 15, 95),
+            lines=(Row(1 - 0.68 / height, 10, 150),), footer=sheet.small(0.1 / height, 7.5, 190),
+        )
+    )  # fmt: skip
+    asked = found.study
+    sheet.head(
+        on, imprint,
+        f"{asked.runs:,} runs of {asked.size:,} particles, {found.sweeps:,} sweeps each: mean over the runs, shaded one standard error either way",
+    )  # fmt: skip
+    styles = _styles(found, groups)
+    symbols: list[tuple[Any, str]] = []
+    for number, (name, _, scale) in enumerate(text.ERRORS):
+        axes = _panel(on, height, over, number, NAMES[name])
+        mean, error = text.course_of(found, name, scale)
+        for group, (colour, dash) in zip(groups, styles, strict=True):
+            (line,) = axes.plot(found.time / 60, mean[group[0]], color=colour, linestyle=dash, linewidth=1.5)
+            axes.fill_between(
+                found.time / 60,
+                mean[group[0]] - error[group[0]],
+                mean[group[0]] + error[group[0]],
+                color=colour,
+                alpha=0.18,
+                linewidth=0,
+            )
+            values = [v for way in group if (v := text.published(found, way, f"{name} error")) is not None]
+            if values:
+                axes.plot(
+                    [1.012],
+                    [np.mean(values)],
+                    marker="<",
+                    color=colour,
+                    markersize=6,
+                    transform=axes.get_yaxis_transform(),
+                    clip_on=False,
+                )
+            if number == 0:
+                symbols.append((line, text.called(found, group)))
+        axes.set_ylim(bottom=0)
+        _window(axes, found)
+        if number < len(text.ERRORS) - 1:
+            axes.tick_params(labelbottom=False)
+        else:
+            axes.set_xlabel("Minutes after the start", fontsize=9, color=INK)
+    if met is not None:
+        axes = _panel(on, height, over + 0.3, panels - 1, "Criteria met [% of runs]")
+        last = max(float(np.nanquantile(met.values, 0.99)) if np.isfinite(met.values).any() else 1.0, 0.1)
+        for group, (colour, dash) in zip(groups, styles, strict=True):
+            times = np.sort(met.values[group[0]][np.isfinite(met.values[group[0]])])
+            share = 100 * np.arange(1, len(times) + 1) / asked.runs
+            axes.step(
+                np.append(0, times),
+                np.append(0, share),
+                where="post",
+                color=colour,
+                linestyle=dash,
+                linewidth=1.5,
+            )
+            for middle in [v for way in group if (v := text.published(found, way, f"median {MET}")) is not None]:
+                axes.plot([middle], [50], marker="v", color=colour, markersize=6)
+        axes.set_xlim(0, last)
+        axes.set_ylim(0, 100)
+        axes.set_xlabel("Minutes after the start", fontsize=9, color=INK)
+    if asked.published:
+        mark = axes.plot([], [], marker="<" if met is None else "v", color=GREY, linestyle="none")[0]
+        symbols.append((mark, "as published: the mean" if met is None else "as published: the median"))
+    if np.isfinite(asked.window[1]) or asked.window[0] > 0:
+        symbols.append(
+            (axes.axvspan(np.nan, np.nan, color="#e8eef4"), "over which the figures of the table are averaged")
+        )
+    sheet.legend(
+        on.figure, symbols, loc="lower left", bbox_to_anchor=(0.06, 0.28 / height), fontsize=8.5, handlelength=3.2
+    )
+    with page.literal():
+        sheet.end(on, path, imprint)
+
+
+def _styles(found: Outcome, groups: list[list[int]]) -> list[tuple[str, Any]]:
+    """Return colour and dashes of each group: a colour for each behaviour, dashes for how its clouds are filled."""
+    laws = [found.study.methods[group[0]].behaviour for group in groups]
+    known = list(dict.fromkeys(laws))
+    return [
+        (COLOURS[known.index(law) % len(COLOURS)], DASHES[laws[:k].count(law) % len(DASHES)])
+        for k, law in enumerate(laws)
+    ]
+
+
+def _panel(on: sheet.Page, height: float, over: float, number: int, title: str) -> Axes:
+    bottom = 1 - (over + (number + 1) * PANEL - 0.12) / height
+    axes: Axes = on.figure.add_axes((0.07, bottom, 0.89, (PANEL - 0.3) / height))
+    axes.set_title(title, fontsize=9.5, color=INK, loc="left", pad=3)
+    axes.tick_params(labelsize=8.5, colors=INK)
+    axes.grid(color="#d5dde5", linewidth=0.6)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    return axes
+
+
+def _window(axes: Axes, found: Outcome) -> None:
+    """Shade the time over which figures are averaged, where that is not all of it."""
+    axes.set_xlim(0, found.study.end / 60)
+    low, high = found.study.window
+    if np.isfinite(high) or low > 0:
+        axes.axvspan(low / 60, min(high, found.study.end) / 60, color="#e8eef4", zorder=0)

@@ -1,0 +1,84 @@
+"""What a tracking case asks: who is followed by whom, in which ways, and its worlds."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drift.tracker import following, sweeps
+from drift.tracker.following import World
+from drift.tracker.path import Path
+from drift.tracker.records import Behaviour, Plan, Sensor, Tracker
+from geo.array import Array
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """How near an estimate must be for the target to count as found."""
+
+    position: float  # [m]
+    course: float  # [rad]
+    speed: float  # [m/s]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The target as it is, or begins; where it acts, each run draws its way."""
+
+    way: Path
+    radiates: Plan | None = None
+    interval: float = 1.2  # [s] of its radar's sweeps
+    acts: Behaviour | None = None  # it begins as `way` does, and then acts
+
+
+@dataclass(frozen=True)
+class Study:
+    """A tracking case."""
+
+    name: str  # of its file
+    text: str  # the file, with what was changed in it
+    title: str
+    start: np.datetime64
+    end: float  # [s] after the start
+    every: float  # [s] between times at which figures are taken
+    size: int  # particles of a cloud
+    seed: int
+    runs: int
+    tracker: Path
+    target: Scene
+    sensors: tuple[Sensor, ...]
+    methods: tuple[Tracker, ...]  # ways of following
+    window: tuple[float, float] = (0.0, np.inf)  # [s] over which figures are averaged
+    criteria: Criteria | None = None
+    published: dict[str, dict[str, float]] = field(default_factory=dict)  # by way of following and figure
+
+
+def marks(study: Study) -> Array:
+    """Return the times at which figures are taken [s]."""
+    return study.every * np.arange(1, int(study.end / study.every + 1e-9) + 1)
+
+
+def worlds(study: Study) -> tuple[list[World], list[Path]]:
+    """Return the worlds of all runs, and the target's way in each; where it does not act, all are one."""
+    if study.target.acts is None:
+        ways = [study.target.way]
+    else:
+        moments = np.unique(np.concatenate([marks(study), *_times(study).values()]))
+        ways = following.wanders(study.target.way, study.target.acts, study.tracker, moments, study.runs, study.seed)
+    made = [_world(study, way) for way in ways]
+    return (made, ways) if len(ways) == study.runs else (made * study.runs, ways * study.runs)
+
+
+def _times(study: Study) -> dict[str, Array]:
+    """Return the times of each sensor's sweeps [s]."""
+    emissions = sweeps.emitted(study.target.radiates, study.target.interval, study.end)
+    return {sensor.name: sweeps.times(sensor, study.end, emissions) for sensor in study.sensors}
+
+
+def _world(study: Study, target: Path) -> World:
+    times = _times(study)
+    parts = [
+        sweeps.of_sensor(sensor, times[sensor.name], study.tracker, target.at(times[sensor.name])[0])
+        for sensor in study.sensors
+    ]
+    told = study.criteria is not None
+    return World(study.tracker, sweeps.ordered([*parts, sweeps.marks(marks(study), study.tracker)], told))
