@@ -32,6 +32,7 @@ from drift.case import (
     sensor,
     sortie,
     sources,
+    tracking,
     uncertainty,
 )
 from drift.case import scenario as scenarios
@@ -367,7 +368,7 @@ INTRODUCTION = """# Keys of a case
 
 Every table and key of a case file, made from what reads it: an unknown key is refused, with the nearest known one. A number without a
 unit is in the unit in brackets. `drift check CASE` says how a case was understood. The values that come often are explained at the head of
-[Searches, key by key](../search_keys.md). Two more kinds of file have keys: [networks of lanes](#lane-networks) and [bridges](#bridge-files).
+[Searches, key by key](../search_keys.md). Three more kinds of file have keys: [networks of lanes](#lane-networks), [bridges](#bridge-files) and [tracking cases](#tracking-files).
 
 ## The case itself
 
@@ -388,6 +389,7 @@ def page(docs: Path) -> str:
     for title, words, model in (
         ("Lane networks", "The file that `network` of lanes names ([Targets that steer](../targets.md#lane-networks)).", network.NetworkTable),
         ("Bridge files", "The file of `drift bridge` ([Bridges](../bridges.md)).", bridge.BridgeTable),
+        ("Tracking files", "The case of `drift experiment` ([Tracking](../tracking.md)).", tracking.TrackingTable),
     ):  # fmt: skip
         name = title.split()[0].lower().removesuffix("s")
         own = {one: [f"{name}-{path[0]}"] for one, path in places(model).items() if one.__module__ == model.__module__}

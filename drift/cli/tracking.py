@@ -4,7 +4,6 @@ import argparse
 from pathlib import Path
 
 from drift.cli import given as take
-from drift.cli import progress
 from drift.cli.answer import Answer
 from drift.output import interrupt
 
@@ -13,6 +12,7 @@ def experiment(given: argparse.Namespace) -> Answer:
     """Follow a target in many runs and several ways, and say how well each does."""
     with interrupt.leaving_at_once():
         from drift.case import tracking
+        from drift.cli import progress
 
         changes = take.changed(given.changes)
         if given.seed is not None:

@@ -7,15 +7,12 @@ from pathlib import Path
 from drift import version
 from drift.maps.imprint import Imprint
 from drift.output import formats, writer
-from drift.output.chapter import Chapter
+from drift.tracker import chapter
 from drift.tracker import experiment as experiments
-from drift.tracker import text
+from drift.tracker.chapter import Matter
 from drift.tracker.experiment import Outcome
 from drift.tracker.study import Study
 from kernels import runtime
-
-FILES = ("experiment.csv", "experiment_runs.csv", "experiment_times.csv")
-PICTURE = "experiment.png"
 
 
 def experiment(
@@ -26,7 +23,7 @@ def experiment(
 
     tell: takes what is being done, and the share of it that is done. Raises UserError where the folder holds something.
     """
-    writer.check_folder(out, overwrite, (*FILES, PICTURE))
+    writer.check_folder(out, overwrite, (*chapter.FILES, *chapter.PICTURES))
     runtime.start(backend, threads)
     with runtime.alone():
         found = experiments.run(asked, partial(tell, "following"))
@@ -39,15 +36,6 @@ def experiment(
         "backend": backend,
     }
     imprint = Imprint(asked.title, f"{told['source']}, seed {asked.seed}", {**told, "run_id": formats.run_id(told)})
-    tables = zip(FILES, (text.table, text.runs, text.times), strict=True)
-    files = {name: lambda stamped, make=make: make(found) for name, make in tables}
-    whole = Chapter({"experiment": text.numbers(found)}, files, {PICTURE: partial(_draw, found, imprint)}, facts=told)
     tell("writing", 0.0)
-    writer.write(out, [whole], overwrite=overwrite)
+    writer.write(out, [chapter.chapter(Matter(found, imprint), told)], overwrite=overwrite)
     return found
-
-
-def _draw(found: Outcome, imprint: Imprint, path: Path) -> None:
-    from drift.tracker import errors_map  # here: Matplotlib takes a second to import
-
-    errors_map.draw(found, path, imprint)

@@ -1,0 +1,94 @@
+"""Tracking cases: every mistake is a line that says what is wrong, what was given and what is allowed."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drift.case import tracking
+from geo.errors import UserError
+
+GOOD = """
+title = "t"
+start = "2026-03-05T00:00Z"
+duration = "1 h"
+[target]
+at = "34 00N 120 30W"
+legs = [{ course = 200, speed = "12 kn" }]
+radiates = { every = "20 min", lasting = "5 min" }
+[tracker]
+at = "34 00N 121 00W"
+[[sensor]]
+name = "eyes"
+reach = "10 nmi"
+range_ambiguity = 0.3
+bearing_ambiguity = 1.5
+[[method]]
+name = "m"
+fastest = "32 kn"
+acts = ["3 min", "15 min"]
+change = 0.5
+"""
+
+
+def load(folder: Path, text: str, **changes: str) -> object:
+    (folder / "c.toml").write_text(text, encoding="utf-8")
+    return tracking.load(folder / "c.toml", changes)
+
+
+def test_a_good_case_is_read(tmp_path: Path) -> None:
+    asked = load(tmp_path, GOOD)
+    assert isinstance(asked, tracking.Study)
+    assert asked.start == np.datetime64("2026-03-05T00:00:00")
+    assert (asked.end, asked.every, asked.size, asked.runs) == (3600.0, 300.0, 2500, 100)
+    assert asked.sensors[0].bearing_error == pytest.approx(np.radians(1.5))
+    assert asked.methods[0].behaviour.acts == (180.0, 900.0)
+    for name in tracking.shipped():
+        assert tracking.load(name).runs == 100
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("range_ambiguity = 0.3", "range_ambiguity = 1.2", "range_ambiguity: 1.2 must be a share of the range, 0 (exact) to 1"),
+        ("bearing_ambiguity = 1.5", "bearing_ambiguity = 200", "must be above 0 and at most 180 degrees"),
+        ("change = 0.5", "change = 0.7\nseek = 0.2\nhide = 0.2", "change 0.7, seek 0.2 and hide 0.2 are 1.1 together; at most 1"),
+        ('acts = ["3 min", "15 min"]', "", "change, seek and hide are at times of acts"),
+        ('acts = ["3 min", "15 min"]', 'acts = ["15 min", "3 min"]', "acts"),
+        ('[tracker]\nat = "34 00N 121 00W"', "", "tracker: is missing"),
+        ('[tracker]\nat = "34 00N 121 00W"', "[tracker]\nlegs = []", "tracker.at: is missing"),
+        ('lasting = "5 min"', 'lasting = "25 min"', "longer than every"),
+        ('speed = "12 kn" }]', 'speed = "12 kn" }, { course = 10, speed = "3 kn" }]', "only the last leg goes on until the end"),
+        ('name = "eyes"', 'name = "eyes"\nsweep = "1 ms"', "sweep 0.001 s must be 0.1 s or more"),
+        ('title = "t"', 'title = "t"\nparticles = 0', "particles: 0 must be 1 to 100,000"),
+        ('title = "t"', 'title = "t"\nparticels = 5', 'did you mean "particles"'),
+        ('title = "t"', 'title = "t"\nevery = "2 h"', "every: 7200 s is longer than the case"),
+        ('fastest = "32 kn"', 'fastest = "32 kn"\nbulk = 0.9', "bulk 0.9 must not be above partial 0.75"),
+        ('radiates = { every = "20 min", lasting = "5 min" }', "", ""),
+        ("change = 0.5", "change = 0.5\n[experiment.published.other]\nx = 1", 'no method "other"'),
+    ],
+)  # fmt: skip
+def test_each_mistake_is_one_line(tmp_path: Path, old: str, new: str, words: str) -> None:
+    assert old in GOOD
+    if not words:  # nothing hears its radar: allowed until a sensor does
+        load(tmp_path, GOOD.replace(old, new))
+        words, new = "which is never on", ""
+        text = GOOD.replace(old, "").replace("range_ambiguity", "hears = true\nrange_ambiguity")
+    else:
+        text = GOOD.replace(old, new)
+    with pytest.raises(UserError) as told:
+        load(tmp_path, text)
+    assert len(told.value.lines) == 1, told.value.lines
+    assert words in told.value.lines[0]
+    assert told.value.lines[0].startswith("c.toml: ")
+
+
+def test_other_files_are_refused_by_what_they_are(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="is a case of drift run"):
+        load(tmp_path, 'title = "x"\n[[scenario]]\nname = "s"\n')
+    with pytest.raises(UserError, match="not valid TOML"):
+        load(tmp_path, "title =")
+    with pytest.raises(UserError, match="tracking cases that ship: closing, run_to_the_south"):
+        tracking.load("closin")
+    with pytest.raises(UserError, match='unknown key "x"'):
+        load(tmp_path, GOOD, **{"tracker.x.y": "3"})
