@@ -26,6 +26,7 @@ from drift.case.sortie import MarkerTable, SortieTable, WatchTable
 from drift.case.tow import TowTable
 from drift.contrast import chapter as contrast_chapter
 from drift.drifters import chapter as drifters_chapter
+from drift.experiments import chapter as experiments_chapter
 from drift.forecast import by_member
 from drift.forecast import chapter as forecast_chapter
 from drift.output import manifest, writer
@@ -39,7 +40,6 @@ from drift.reach import chapter as reach_chapter
 from drift.search import chapter as search_chapter
 from drift.spill import chapter as spill_chapter
 from drift.suspend import chapter as suspend_chapter
-from drift.tracker import chapter as tracker_chapter
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -91,7 +91,7 @@ WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapt
     },
     "docs/compare.md": {*contrast_chapter.FILES, *contrast_chapter.PICTURES},
     "docs/targets.md": {*reach_chapter.FILES, *reach_chapter.PICTURES},
-    "docs/tracking.md": {*tracker_chapter.FILES, *tracker_chapter.PICTURES},
+    "docs/tracking.md": {*experiments_chapter.FILES, *experiments_chapter.TRACKING, *experiments_chapter.PICTURES},
     "docs/fetch.md": {fetching.TABLES, "manifest.json"},
     "docs/verify.md": {*drifters_chapter.FILES, *drifters_chapter.PICTURES},
     "docs/formats.md": {"forecast.kml", "forecast.gpx"},  # of exports

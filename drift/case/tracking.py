@@ -282,6 +282,17 @@ def shipped() -> list[str]:
     return sorted(file.name.removesuffix(".toml") for file in folder.iterdir() if file.name.endswith(".toml"))
 
 
+def is_one(name: str | os.PathLike[str]) -> bool:
+    """Return whether a name is that of a shipped tracking case, or a file with what such a case has."""
+    if str(name) in shipped():
+        return True
+    try:
+        data = tomllib.loads(small.contents(Path(name), LARGEST).decode("utf-8-sig"))
+    except (OSError, UserError, ValueError, RecursionError):
+        return False
+    return "tracker" in data or "target" in data
+
+
 def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = None) -> Study:
     """Return what a tracking case asks, of a TOML file or a shipped case's name.
 

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from drift.cli import answer, bridges, export, fetch, grammar, jobs, lists, reach, serve, terminal, tracking
+from drift.cli import answer, bridges, experiments, export, fetch, grammar, jobs, lists, reach, serve, terminal
 from drift.cli.answer import Answer
 from drift.output import interrupt
 from geo.errors import UserError
@@ -30,7 +30,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], Answer]] = {
     "bridge": bridges.bridge,
     "fit-bridge": bridges.fit_bridge,
     "sensor": reach.sensor,
-    "experiment": tracking.experiment,
+    "experiment": experiments.experiment,
     "check": jobs.check,
     "cases": lists.cases,
     "new": lists.new,

@@ -278,10 +278,21 @@ def _add_fit_bridge(commands: Any) -> None:
 def _add_experiment(commands: Any) -> None:
     experiment = commands.add_parser(
         "experiment",
-        help="follow a target that is rarely seen in many runs and several ways, and say how well each does",
+        help="run a case many times, in several ways on common random numbers, and say how its figures scatter",
     )
     _add_case(experiment)
-    experiment.add_argument("--runs", type=int, metavar="N", help="how many (default: the case's)")
+    experiment.add_argument(
+        "--runs", type=int, metavar="N", help="how many of each (default: 20, or the tracking case's)"
+    )
+    experiment.add_argument(
+        "--with", action="append", default=[], dest="variants", metavar="NAME:KEY=VALUE",
+        help="run it also with one place changed, several with ; between; may be repeated",
+    )  # fmt: skip
+    experiment.add_argument(
+        "--figure", action="append", default=[], dest="figures", metavar="PATH",
+        help="a number of summary.json, like outputs.-1.area_nmi2.95%%, * at the end for all; may be repeated (default: "
+        "areas, POS, evidence)",
+    )  # fmt: skip
     _add_results(experiment, "NAME-experiment")
 
 

@@ -2,47 +2,17 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from drift.tracker import following, study
+from drift.tracker.figures import Figure, over
 from drift.tracker.following import Errors
 from drift.tracker.study import Study
 from geo.array import Array
 from geo.notation import KNOT, NMI
 
-QUANTILES = (0.1, 0.5, 0.9)
 MET = "time to criteria"
-
-
-@dataclass(frozen=True)
-class Figure:
-    """A number of each run, in every way of following."""
-
-    name: str
-    unit: str
-    values: Array  # (ways of following, runs); NaN: that run has none
-
-    def mean(self) -> Array:
-        """Return the mean over the runs that have one (ways of following,)."""
-        return _over(np.nanmean, self.values)
-
-    def error(self) -> Array:
-        """Return the standard error of the mean (ways of following,); NaN of fewer than two runs."""
-        many = np.isfinite(self.values).sum(axis=1)
-        spread = np.array(
-            [np.nanstd(row, ddof=1) if n > 1 else np.nan for row, n in zip(self.values, many, strict=True)]
-        )
-        return np.asarray(spread / np.sqrt(np.maximum(many, 1)))
-
-    def quantiles(self) -> Array:
-        """Return the QUANTILES over the runs that have one (ways of following, quantiles)."""
-        return np.stack([_over(partial(np.nanquantile, q=share), self.values) for share in QUANTILES], axis=1)
-
-    def missing(self) -> Array:
-        """Return in how many runs there is none (ways of following,)."""
-        return np.asarray(np.isnan(self.values).sum(axis=1))
 
 
 @dataclass(frozen=True)
@@ -85,7 +55,7 @@ def _figures(asked: Study, errors: Errors, times: Array, at_marks: Errors, momen
     inside = (moments >= asked.window[0]) & (moments <= asked.window[1])
     scales = {"position": ("nmi", 1 / NMI), "course": ("deg", np.degrees(1.0)), "speed": ("kn", 1 / KNOT)}
     figures = [
-        Figure(f"{name} error", unit, _over(np.nanmean, getattr(at_marks, name)[..., inside]) * scale)
+        Figure(f"{name} error", unit, over(np.nanmean, getattr(at_marks, name)[..., inside]) * scale)
         for name, (unit, scale) in scales.items()
     ]
     figures.append(Figure("track held", "%", 100 * np.isfinite(at_marks.position[..., inside]).mean(axis=-1)))
@@ -95,10 +65,3 @@ def _figures(asked: Study, errors: Errors, times: Array, at_marks: Errors, momen
         first = np.take_along_axis(np.broadcast_to(times, near.shape), near.argmax(axis=-1)[..., None], axis=-1)[..., 0]
         figures.append(Figure(MET, "min", np.where(near.any(axis=-1), first, np.nan) / 60))
     return tuple(figures)
-
-
-def _over(reduce: Callable[[Array], Array], values: Array) -> Array:
-    """Return a mean or quantile over the last axis of what is no NaN; NaN where all are."""
-    flat = values.reshape(-1, values.shape[-1])
-    rows = [reduce(row) if np.isfinite(row).any() else np.nan for row in flat]
-    return np.asarray(rows, np.float64).reshape(values.shape[:-1])

@@ -1,17 +1,12 @@
-"""Experiments: figures against plain loops, targets that act, files, the same bits with one thread and two."""
+"""Figures of tracking cases against plain loops, and targets that act."""
 
-import csv
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-import pytest
 
 from drift.case import tracking
-from drift.tracker import experiment, path, study, text
-from drift.tracker.experiment import Figure
+from drift.tracker import experiment, figures, path, study
+from drift.tracker.figures import Figure
 from geo import sphere
 
 KNOT, NMI = 1852 / 3600, 1852.0
@@ -27,7 +22,7 @@ def test_figures_are_over_the_runs_that_have_one() -> None:
     figure = Figure("x", "min", rows)
     np.testing.assert_allclose(figure.mean(), [19 / 3, np.nan, 2.5])
     np.testing.assert_allclose(figure.error(), [np.std([3, 5, 11], ddof=1) / np.sqrt(3), np.nan, np.nan])
-    np.testing.assert_allclose(figure.quantiles()[0], np.quantile([3, 5, 11], experiment.QUANTILES))
+    np.testing.assert_allclose(figure.quantiles()[0], np.quantile([3, 5, 11], figures.QUANTILES))
     assert figure.missing().tolist() == [1, 4, 3]
 
 
@@ -89,34 +84,3 @@ def test_runs_of_a_target_that_acts_have_worlds_of_their_own() -> None:
     errors = next(figure for figure in found.figures if figure.name == "position error").values
     assert np.isfinite(errors).any()
     assert len(np.unique(errors[0][np.isfinite(errors[0])])) > 1
-
-
-@pytest.mark.slow
-def test_the_command_writes_the_same_bits_with_one_thread_and_two(tmp_path: Path) -> None:
-    made = {}
-    for threads in (1, 2):
-        out = tmp_path / str(threads)
-        words = ["experiment", "closing", "--runs", "3", "--set", "particles=200", "--out", str(out)]
-        done = subprocess.run(
-            [sys.executable, "-m", "drift", *words, "--threads", str(threads)],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-        assert "naive, weighted position; naive, heading and speed; naive, combined" in done.stdout
-        made[threads] = {
-            name: (out / name).read_bytes()
-            for name in ("experiment.csv", "experiment_runs.csv", "experiment_times.csv")
-        }
-        assert (out / "experiment.png").stat().st_size > 20_000
-    assert made[1] == made[2]
-    rows = list(csv.DictReader((tmp_path / "1" / "experiment.csv").read_text(encoding="utf-8").splitlines()))
-    assert len(rows) == 10 * 4
-    assert {row["published"] for row in rows if row["method"] == "naive, combined"} == {"7.52", "116.3", "12.69", ""}
-
-
-def test_what_is_told_names_what_came_to_the_same_once() -> None:
-    found = experiment.run(small("closing", window=(0.0, np.inf)))
-    assert text.alike(found) == [[0, 1, 2], [3, 4]]
-    assert "naive, weighted position; naive, heading and speed; naive, combined" in text.facts(found)

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from drift.experiments import text
+from drift.experiments.record import Experiment
 from drift.maps import page, sheet
 from drift.maps.chart import GREY, INK
 from drift.maps.imprint import Imprint
 from drift.maps.sheet import Row, Sheet
-from drift.tracker import text
 from drift.tracker.experiment import MET, Outcome
 
 WIDTH, PANEL, KEY = 11.7, 2.1, 0.21  # [in] of the page, of a panel with its gap, of a line of the key
@@ -19,9 +20,46 @@ DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)),
 NAMES = {"position": "Position error [nmi]", "course": "Course error [deg]", "speed": "Speed error [kn]"}
 
 
-def draw(found: Outcome, path: Path, imprint: Imprint) -> None:
-    """Draw the errors of an experiment over time into a PNG."""
-    groups = text.alike(found, curves=True)
+def draw(found: Experiment, path: Path, imprint: Imprint) -> None:
+    """Draw an experiment into a PNG: errors over time of a tracking case, else every run's figures."""
+    if found.tracking is None:
+        _scatter(found, path, imprint)
+    else:
+        _curves(found, found.tracking, path, imprint)
+
+
+def _scatter(found: Experiment, path: Path, imprint: Imprint) -> None:
+    """Draw each figure as a row for each way: its runs as dots, mean and standard error over them."""
+    row, gap = 0.24, 0.62  # [in]
+    each = row * len(found.ways) + gap
+    height = 1.0 + each * max(len(found.figures), 1) + 0.45
+    on = sheet.begin(
+        Sheet(
+            WIDTH, height, 130, left=0.03, title=sheet.heading(1 - 0.4 / height, 15, 95),
+            lines=(Row(1 - 0.68 / height, 10, 150),), footer=sheet.small(0.1 / height, 7.5, 190),
+        )
+    )  # fmt: skip
+    sheet.head(
+        on, imprint, f"{found.runs:,} runs, each of {found.about}: dots are runs, bars the mean and two standard errors"
+    )
+    for number, figure in enumerate(found.figures):
+        bottom = 1 - (1.0 + each * number + gap * 0.4 + row * len(found.ways)) / height
+        axes: Axes = on.figure.add_axes((0.2, bottom, 0.76, row * len(found.ways) / height))
+        _dress(axes, figure.name)
+        mean, error = figure.mean(), figure.error()
+        for k in range(len(found.ways)):
+            colour = COLOURS[k % len(COLOURS)]
+            axes.plot(figure.values[k], np.full(found.runs, k), ".", color=colour, alpha=0.5, markersize=5)
+            axes.errorbar(mean[k], k, xerr=2 * np.nan_to_num(error[k]), fmt="|", color=INK, markersize=11, capsize=0)
+        axes.set_ylim(len(found.ways) - 0.4, -0.6)
+        axes.set_yticks(range(len(found.ways)), page.names(found.ways, 26))
+    with page.literal():
+        sheet.end(on, path, imprint)
+
+
+def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> None:
+    """Draw the errors of a tracking case over time."""
+    groups = text.alike(whole, curves=True)
     met = next((figure for figure in found.figures if figure.name == MET), None)
     panels = len(text.ERRORS) + (met is not None)
     over, under = 1.05, 0.75 + KEY * (len(groups) + 2)
@@ -52,7 +90,7 @@ def draw(found: Outcome, path: Path, imprint: Imprint) -> None:
                 alpha=0.18,
                 linewidth=0,
             )
-            values = [v for way in group if (v := text.published(found, way, f"{name} error")) is not None]
+            values = [v for way in group if (v := text.published(whole, way, f"{name} error")) is not None]
             if values:
                 axes.plot(
                     [1.012],
@@ -64,7 +102,7 @@ def draw(found: Outcome, path: Path, imprint: Imprint) -> None:
                     clip_on=False,
                 )
             if number == 0:
-                symbols.append((line, text.called(found, group)))
+                symbols.append((line, text.called(whole, group)))
         axes.set_ylim(bottom=0)
         _window(axes, found)
         if number < len(text.ERRORS) - 1:
@@ -85,7 +123,7 @@ def draw(found: Outcome, path: Path, imprint: Imprint) -> None:
                 linestyle=dash,
                 linewidth=1.5,
             )
-            for middle in [v for way in group if (v := text.published(found, way, f"median {MET}")) is not None]:
+            for middle in [v for way in group if (v := text.published(whole, way, f"median {MET}")) is not None]:
                 axes.plot([middle], [50], marker="v", color=colour, markersize=6)
         axes.set_xlim(0, last)
         axes.set_ylim(0, 100)
@@ -117,13 +155,17 @@ def _styles(found: Outcome, groups: list[list[int]]) -> list[tuple[str, Any]]:
 def _panel(on: sheet.Page, height: float, over: float, number: int, title: str) -> Axes:
     bottom = 1 - (over + (number + 1) * PANEL - 0.12) / height
     axes: Axes = on.figure.add_axes((0.07, bottom, 0.89, (PANEL - 0.3) / height))
+    _dress(axes, title)
+    return axes
+
+
+def _dress(axes: Axes, title: str) -> None:
     axes.set_title(title, fontsize=9.5, color=INK, loc="left", pad=3)
     axes.tick_params(labelsize=8.5, colors=INK)
     axes.grid(color="#d5dde5", linewidth=0.6)
     axes.set_axisbelow(True)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    return axes
 
 
 def _window(axes: Axes, found: Outcome) -> None:

@@ -1,99 +1,116 @@
 """What an experiment came to, in words and tables."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from drift.experiments.record import Experiment
 from drift.output import formats
-from drift.tracker.experiment import MET, QUANTILES, Outcome
+from drift.tracker.experiment import MET, Outcome
+from drift.tracker.figures import QUANTILES
 from geo.array import Array
 from geo.notation import KNOT, NMI
 
 ERRORS = (("position", "nmi", 1 / NMI), ("course", "deg", float(np.degrees(1.0))), ("speed", "kn", 1 / KNOT))
 
 
-def alike(found: Outcome, curves: bool = False) -> list[list[int]]:
+def alike(found: Experiment, curves: bool = False) -> list[list[int]]:
     """Return the ways of following by their numbers, those together of which no figure differs by a bit.
 
     curves: nor any error at any time.
     """
     groups: dict[bytes, list[int]] = {}
-    for k in range(len(found.study.methods)):
+    for k in range(len(found.ways)):
         key = b"".join(figure.values[k].tobytes() for figure in found.figures)
-        if curves:
-            key += b"".join(values[k].tobytes() for values in vars(found.errors).values())
+        if curves and found.tracking is not None:
+            key += b"".join(values[k].tobytes() for values in vars(found.tracking.errors).values())
         groups.setdefault(key, []).append(k)
     return list(groups.values())
 
 
-def called(found: Outcome, group: list[int]) -> str:
+def called(found: Experiment, group: list[int]) -> str:
     """Return what ways of following that came to the same are called."""
-    return "; ".join(found.study.methods[k].name for k in group)
+    return "; ".join(found.ways[k] for k in group)
 
 
-def facts(found: Outcome) -> Mapping[str, str]:
+def facts(found: Experiment) -> Mapping[str, str]:
     """Return a line for each way of following, those that came to the same in one."""
-    told = {"sweeps in a run": f"{found.sweeps:,}"}
+    told = {}
     for group in alike(found):
         parts = []
         for figure in found.figures:
             mean, error, missing = (row[group[0]] for row in (figure.mean(), figure.error(), figure.missing()))
             if figure.name == "track held" and mean == 100.0:
                 continue
-            words = f"{figure.name} {_number(mean)} +- {_number(error)} {figure.unit}"
+            words = " ".join([figure.name, *_told(mean, error), figure.unit]).rstrip()
             if figure.name == MET:  # a few runs that take long make its mean
-                words += f", median {_number(figure.quantiles()[group[0], QUANTILES.index(0.5)])}"
+                words += f", median {figure.quantiles()[group[0], QUANTILES.index(0.5)]:.3g}"
             parts.append(words + f" (none in {missing} runs)" * bool(missing))
         told[called(found, group)] = "; ".join(parts)
     return told
 
 
-def _number(value: float) -> str:
-    return "none" if not np.isfinite(value) else f"{value:.2f}" if abs(value) < 100 else f"{value:.0f}"
+def _told(mean: float, error: float) -> tuple[str, ...]:
+    """Return a mean with its standard error, to two digits of that."""
+    if not np.isfinite(mean):
+        return ("none",)
+    if not np.isfinite(error) or error == 0:
+        return (f"{mean:.4g}",)
+    digits = max(1 - math.floor(math.log10(error)), 0)
+    return f"{mean:,.{digits}f}", "+-", f"{error:,.{digits}f}"
 
 
-def published(found: Outcome, way: int, name: str) -> float | None:
+def published(found: Experiment, way: int, name: str) -> float | None:
     """Return the figure that was published of a way of following, None where there is none."""
-    return found.study.published.get(found.study.methods[way].name, {}).get(name)
+    return found.published.get(found.ways[way], {}).get(name)
 
 
-def table(found: Outcome) -> str:
+def table(found: Experiment) -> str:
     """Return the figures of each way of following, with what was published beside them."""
-    header = ["method", "figure", "unit", "runs", "mean", "standard_error"]
-    header += [f"quantile_{100 * share:.0f}" for share in QUANTILES] + ["runs_without", "published", "published_median"]
+    header = ["way", "figure", "unit", "runs", "mean", "standard_error"]
+    header += [f"quantile_{100 * share:.0f}" for share in QUANTILES] + [
+        "runs_without",
+        "difference",
+        "difference_standard_error",
+        "published",
+        "published_median",
+    ]
     rows = []
-    for way, method in enumerate(found.study.methods):
+    for way, name in enumerate(found.ways):
         for figure in found.figures:
             rows.append([
-                method.name, figure.name, figure.unit, found.study.runs, _cell(figure.mean()[way]), _cell(figure.error()[way]),
-                *(_cell(value) for value in figure.quantiles()[way]), int(figure.missing()[way]),
+                name, figure.name, figure.unit, found.runs, _cell(figure.mean()[way]), _cell(figure.error()[way]),
+                *(_cell(value) for value in figure.quantiles()[way]), int(figure.missing()[way]), *(_cell(value[way]) for value in figure.difference()),
                 published(found, way, figure.name), published(found, way, f"median {figure.name}"),
             ])  # fmt: skip
     return formats.csv_text(header, rows)
 
 
-def runs(found: Outcome) -> str:
+def runs(found: Experiment) -> str:
     """Return the figures of each run."""
-    header = ["method", "run", *(f"{figure.name} [{figure.unit}]".replace(" ", "_") for figure in found.figures)]
+    header = ["way", "run", *(f"{figure.name} [{figure.unit}]".replace(" ", "_") for figure in found.figures)]
     rows = [
-        [method.name, run + 1, *(_cell(figure.values[way, run]) for figure in found.figures)]
-        for way, method in enumerate(found.study.methods)
-        for run in range(found.study.runs)
+        [name, run + 1, *(_cell(figure.values[way, run]) for figure in found.figures)]
+        for way, name in enumerate(found.ways)
+        for run in range(found.runs)
     ]
     return formats.csv_text(header, rows)
 
 
-def times(found: Outcome) -> str:
+def times(found: Experiment) -> str:
     """Return mean and standard error of each error at each time."""
-    header = ["method", "minutes"]
+    header = ["way", "minutes"]
     for name, unit, _ in ERRORS:
         header += [f"{name}_error_{unit}", f"{name}_standard_error_{unit}"]
     rows = []
-    curves = [course_of(found, name, scale) for name, _, scale in ERRORS]
-    for way, method in enumerate(found.study.methods):
-        for k, time in enumerate(found.time):
-            rows.append([method.name, time / 60, *(_cell(curve[way, k]) for both in curves for curve in both)])
+    tracking = found.tracking
+    assert tracking is not None
+    curves = [course_of(tracking, name, scale) for name, _, scale in ERRORS]
+    for way, name in enumerate(found.ways):
+        for k, time in enumerate(tracking.time):
+            rows.append([name, time / 60, *(_cell(curve[way, k]) for both in curves for curve in both)])
     return formats.csv_text(header, rows)
 
 
@@ -112,17 +129,17 @@ def _cell(value: float) -> float | None:
     return float(f"{value:.6g}") if np.isfinite(value) else None
 
 
-def numbers(found: Outcome) -> dict[str, Any]:
+def numbers(found: Experiment) -> dict[str, Any]:
     """Return the same for programs."""
     return {
-        "runs": found.study.runs, "particles": found.study.size, "seed": found.study.seed, "sweeps": found.sweeps,
+        "runs": found.runs, "seed": found.seed, "about": found.about,
         "figures": [
             {
-                "method": method.name, "figure": figure.name, "unit": figure.unit, "mean": _cell(figure.mean()[way]),
+                "way": name, "figure": figure.name, "unit": figure.unit, "mean": _cell(figure.mean()[way]),
                 "standard_error": _cell(figure.error()[way]), "runs_without": int(figure.missing()[way]),
                 "quantiles": {f"{share:g}": _cell(value) for share, value in zip(QUANTILES, figure.quantiles()[way], strict=True)},
                 "published": published(found, way, figure.name), "published_median": published(found, way, f"median {figure.name}"),
             }
-            for way, method in enumerate(found.study.methods) for figure in found.figures
+            for way, name in enumerate(found.ways) for figure in found.figures
         ],
     }  # fmt: skip

@@ -1,0 +1,38 @@
+"""Many runs of a case: experiment."""
+
+import argparse
+from pathlib import Path
+
+from drift.cli import given as take
+from drift.cli.answer import Answer
+from drift.output import interrupt
+from geo.errors import UserError
+
+
+def experiment(given: argparse.Namespace) -> Answer:
+    """Run a case many times, in several ways, and say how its figures scatter."""
+    with interrupt.leaving_at_once():
+        changes = take.changed(given.changes)
+        if given.seed is not None:
+            changes["seed"] = str(given.seed)
+        variants = dict(_variant(text) for text in given.variants)
+        out = given.out or Path(f"{Path(given.case).stem}-experiment")
+        from drift.cli import progress
+        from drift.experiments import command, text
+    with progress.progress(quiet=given.quiet or given.json) as tell:
+        found = command.experiment(
+            given.case, out, changes=changes, variants=variants, figures=given.figures, runs=given.runs,
+            backend=given.backend, threads=given.threads, overwrite=given.overwrite, tell=tell,
+        )  # fmt: skip
+    lines = (f"{found.runs:,} runs, each of {found.about}; seed {found.seed}", f"Results in {out}")
+    return Answer(found.title, text.facts(found), lines, {"experiment": text.numbers(found)}, out)
+
+
+def _variant(text: str) -> tuple[str, dict[str, str]]:
+    """Return name and changes of "NAME: KEY=VALUE; KEY=VALUE"."""
+    name, colon, changes = text.partition(":")
+    if not colon or not name.strip() or not changes.strip():
+        raise UserError(
+            f'--with "{text}" must be NAME: KEY=VALUE, several with ; between, like "wet: scenario.0.weight=0.2"'
+        )
+    return name.strip(), take.changed([change.strip() for change in changes.split(";") if change.strip()], "--with")

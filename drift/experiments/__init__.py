@@ -1,0 +1,1 @@
+"""Many runs of a case, in several ways on common random numbers, and what they came to: `drift experiment`."""

@@ -1,0 +1,55 @@
+"""Numbers of many runs: means, standard errors, quantiles."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from geo.array import Array
+
+QUANTILES = (0.1, 0.5, 0.9)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A number of each run, in every way of following."""
+
+    name: str
+    unit: str
+    values: Array  # (ways of following, runs); NaN: that run has none
+
+    def mean(self) -> Array:
+        """Return the mean over the runs that have one (ways of following,)."""
+        return over(np.nanmean, self.values)
+
+    def error(self) -> Array:
+        """Return the standard error of the mean (ways of following,); NaN of fewer than two runs."""
+        many = np.isfinite(self.values).sum(axis=1)
+        spread = np.array(
+            [np.nanstd(row, ddof=1) if n > 1 else np.nan for row, n in zip(self.values, many, strict=True)]
+        )
+        return np.asarray(spread / np.sqrt(np.maximum(many, 1)))
+
+    def quantiles(self) -> Array:
+        """Return the QUANTILES over the runs that have one (ways of following, quantiles)."""
+        return np.stack([over(partial(np.nanquantile, q=share), self.values) for share in QUANTILES], axis=1)
+
+    def missing(self) -> Array:
+        """Return in how many runs there is none (ways of following,)."""
+        return np.asarray(np.isnan(self.values).sum(axis=1))
+
+    def difference(self) -> tuple[Array, Array]:
+        """Return (mean, standard error) of the difference from the first way, run by run, each (ways of following,).
+
+        Runs share their random numbers, so that it errs by less than two means do.
+        """
+        apart = Figure(self.name, self.unit, self.values - self.values[0])
+        return apart.mean(), apart.error()
+
+
+def over(reduce: Callable[[Array], Array], values: Array) -> Array:
+    """Return a mean or quantile over the last axis of what is no NaN; NaN where all are."""
+    flat = values.reshape(-1, values.shape[-1])
+    rows = [reduce(row) if np.isfinite(row).any() else np.nan for row in flat]
+    return np.asarray(rows, np.float64).reshape(values.shape[:-1])

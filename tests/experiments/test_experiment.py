@@ -1,0 +1,125 @@
+"""Experiments of any case: files, refusals, common random numbers, the same bits with one thread and two."""
+
+import csv
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import drift
+from drift.experiments import command, ordinary, text
+from drift.tracker.figures import Figure
+from geo.errors import UserError
+
+CASE = """
+title = "Raft"
+start = "2026-11-21T00:00Z"
+duration = "6 h"
+particles = 500
+seed = 40
+coast.source = "none"
+output = { every = "3 h" }
+[[current]]
+constant = { speed = "0.6 kn", toward = 70 }
+[[wind]]
+constant = { speed = "14 kn", from = 250 }
+[[scenario]]
+name = "last call"
+object = "LIFE-RAFT-DB-10"
+position = { at = "27 30N 088 00W", std = "3 nmi" }
+"""
+AREA = "outputs.-1.area_nmi2.95%"
+
+
+@pytest.fixture
+def case(tmp_path: Path) -> str:
+    (tmp_path / "raft.toml").write_text(CASE, encoding="utf-8")
+    return str(tmp_path / "raft.toml")
+
+
+def test_figures_are_those_of_runs_with_the_seeds_that_follow(case: str, tmp_path: Path) -> None:
+    """Each by drift.run of the case; a variant that changes nothing differs by nothing, one that does by its own runs."""
+    variants = {"the same": {"duration": "6 h"}, "wider": {"scenario.0.position.std": "6 nmi"}}
+    found = command.experiment(case, tmp_path / "out", variants=variants, figures=[AREA], runs=3)
+    assert found.ways == ("as it is", "the same", "wider")
+    (figure,) = found.figures
+    for way, changes in enumerate([{}, {}, {"scenario.0.position.std": "6 nmi"}]):
+        for run in range(3):
+            result = drift.run(drift.load(case, {**changes, "seed": str(40 + run)}))
+            assert figure.values[way, run] == result.summary["outputs"][-1]["area_nmi2"]["95%"]
+    difference, error = figure.difference()
+    assert difference[1] == error[1] == 0
+    apart = figure.values[2] - figure.values[0]
+    assert difference[2] == pytest.approx(apart.mean())
+    assert error[2] == pytest.approx(apart.std(ddof=1) / np.sqrt(3))
+    assert difference[2] > 0
+    assert text.alike(found) == [[0, 1], [2]]
+    rows = list(csv.DictReader((tmp_path / "out" / "experiment.csv").read_text(encoding="utf-8").splitlines()))
+    assert [row["way"] for row in rows] == list(found.ways)
+    assert float(rows[2]["difference"]) == pytest.approx(difference[2], rel=1e-5)
+    assert (tmp_path / "out" / "experiment.png").stat().st_size > 10_000
+    assert not (tmp_path / "out" / "experiment_times.csv").exists()
+
+
+def test_numbers_of_a_summary_by_their_paths() -> None:
+    summary = {"a": [{"b.c": 1}, {"b.c": 2.5}], "d": {"e": None, "f": True, "g": np.float64(3)}}
+    assert dict(ordinary.numbers(summary)) == {"a.0.b.c": 1, "a.1.b.c": 2.5, "a.-1.b.c": 2.5, "d.g": 3}
+
+
+def test_differences_are_of_runs_that_share_their_numbers() -> None:
+    figure = Figure("x", "", np.array([[1.0, 5.0, 9.0], [2.0, 6.5, np.nan]]))
+    difference, error = figure.difference()
+    np.testing.assert_allclose(difference, [0, 1.25])
+    np.testing.assert_allclose(error, [0, np.std([1, 1.5], ddof=1) / np.sqrt(2)])
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"figures": ["outputs.-1.area_nmi2.94%"]}, "no such number in the summary of this case; some are: outputs.-1.area_nmi2.95%"),
+        ({"variants": {"x": {"duration": "1 parsec"}}}, "duration"),
+        ({"runs": 0}, "--runs 0 must be at least 1"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_run_is_refused_before_the_first_or_after_one(
+    case: str, tmp_path: Path, asked: dict[str, object], words: str
+) -> None:
+    with pytest.raises(UserError) as told:
+        command.experiment(case, tmp_path / "out", **{"runs": 2, **asked})  # type: ignore[arg-type]
+    assert words in str(told.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_tracking_case_has_its_own_ways_and_figures(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="a tracking case has"):
+        command.experiment("closing", figures=["x"])
+    found = command.experiment("closing", changes={"particles": "100", "duration": "90 min"}, runs=2)
+    assert "naive, weighted position; naive, heading and speed; naive, combined" in text.facts(found)
+    assert text.alike(found)[0] == [0, 1, 2]
+
+
+@pytest.mark.slow
+def test_the_command_writes_the_same_bits_with_one_thread_and_two(tmp_path: Path) -> None:
+    made = {}
+    for threads in (1, 2):
+        out = tmp_path / str(threads)
+        words = ["experiment", "closing", "--runs", "3", "--set", "particles=200", "--out", str(out)]
+        done = subprocess.run(
+            [sys.executable, "-m", "drift", *words, "--threads", str(threads)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        assert "naive, weighted position; naive, heading and speed; naive, combined" in done.stdout
+        made[threads] = {
+            name: (out / name).read_bytes()
+            for name in ("experiment.csv", "experiment_runs.csv", "experiment_times.csv")
+        }
+        assert (out / "experiment.png").stat().st_size > 20_000
+    assert made[1] == made[2]
+    rows = list(csv.DictReader((tmp_path / "1" / "experiment.csv").read_text(encoding="utf-8").splitlines()))
+    assert len(rows) == 10 * 4
+    assert {row["published"] for row in rows if row["way"] == "naive, combined"} == {"7.52", "116.3", "12.69", ""}
