@@ -48,7 +48,8 @@ def test_figures_are_those_of_runs_with_the_seeds_that_follow(case: str, tmp_pat
     for way, changes in enumerate([{}, {}, {"scenario.0.position.std": "6 nmi"}]):
         for run in range(3):
             result = drift.run(drift.load(case, {**changes, "seed": str(40 + run)}))
-            assert figure.values[way, run] == result.summary["outputs"][-1]["area_nmi2"]["95%"]
+            area = float(result.forecast.data["containment_area"].sel(share=0.95)[-1]) / 1852**2
+            assert figure.values[way, run] == pytest.approx(area)
     difference, error = figure.difference()
     assert difference[1] == error[1] == 0
     apart = figure.values[2] - figure.values[0]
