@@ -15,7 +15,7 @@ from places import ROOT
 from pydantic import BaseModel, ConfigDict, create_model
 
 import drift
-from drift.case import bridge, itinerary, network, schema
+from drift.case import bridge, itinerary, network, schema, tracking
 from drift.cli import grammar
 from drift.providers import catalogue
 from geo.errors import UserError
@@ -29,11 +29,16 @@ pytestmark = pytest.mark.documentation
 
 DOCS = ROOT / "docs"
 HOWTO = sorted((DOCS / "howto").glob("*.md"))
-RUN = [*HOWTO, DOCS / "bridges.md"]
+RUN = [*HOWTO, DOCS / "bridges.md", DOCS / "tracking.md"]
 PAGES = sorted(
     [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.glob("*.md"), *(DOCS / "tutorials").glob("*.md"), *HOWTO]
 )
-FILES: tuple[type[BaseModel], ...] = (schema.CaseTable, network.NetworkTable, bridge.BridgeTable)
+FILES: tuple[type[BaseModel], ...] = (
+    schema.CaseTable,
+    network.NetworkTable,
+    bridge.BridgeTable,
+    tracking.TrackingTable,
+)
 
 
 def name(page: Path) -> str:
@@ -69,7 +74,7 @@ def tables(page: Path) -> list[examples.Block]:
 
 @pytest.mark.parametrize("page", [page for page in PAGES if tables(page)], ids=name)
 def test_tables_are_understood(page: Path) -> None:
-    """Each key of a block is one of a case, of a network or of a bridge, and what it holds is taken there."""
+    """Each key of a block is one of a case, of a network, of a bridge or of a tracking case, and what it holds is taken there."""
     for block in tables(page):
         parsed: dict[str, Any] = itinerary.shared(tomllib.loads(block.text))
         known = any(understood(parsed, model) for model in FILES) or is_catalogue(block.text)
