@@ -28,8 +28,8 @@ STREAM_WAY = 12  # how it wanders about its way
 STREAM_MIDWAY = 13  # the same at times within a piece of its way
 STREAM_LEVY = 15  # midpoints of ways, where a sensor looks closely
 STREAM_TOUCH = 14  # places that cut it in two, where a sensor asks closely what it touched
-STREAM_CLOUD = 17  # particles drawn for a cloud that follows a target
-STREAM_ACT = 18  # what they do at times of their own
+STREAM_CLOUD = -1  # particles drawn for a cloud that follows a target; below all, for classes of debris count on upward
+STREAM_ACT = -2  # what they do at times of their own
 STREAM_DEBRIS = 16  # the first of many: each class of debris has its own
 
 u32x4 = ti.types.vector(4, ti.u32)

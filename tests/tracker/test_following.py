@@ -146,6 +146,26 @@ def test_a_new_draw_is_weighted_by_the_speed_it_needs_and_aimed_from_the_last_es
     assert stats.kstest(speed[~onward & ~survived] / 32, "uniform").pvalue > 1e-3
 
 
+def test_duplicates_are_drawn_by_weight_and_keep_it() -> None:
+    """Of what is left in half of the sector; the mean weight of a draw by weight w is the sum of w^2 over that of w."""
+    here = path.vector(LON, LAT)
+    boxes = [(100.0, 4.0, 4.4, 2.0, 0.0), (60.0, 6.0, 48.0, 10.0, HOUR), (60.0, 6.0, 48.0, 5.0, HOUR + 1)]
+    scene = World(path.standing(LON, LAT, 0.0, 2 * HOUR), sweeps.ordered([one_box(*box, here) for box in boxes]))
+    size = 6000
+    held = Clouds([scene], [Tracker("x", Behaviour(FASTEST), Filling("position", 0.75, 0.25))], size, 4)
+    after = held.go().particles(0, 0, HOUR + 1)
+    _, first, which = np.unique(after.place[:, 0], return_index=True, return_inverse=True)
+    kept = len(first)
+    assert abs(kept - size / 2) < 4 * np.sqrt(size / 4)
+    assert (first < kept).all()  # what is left stands first, duplicates behind it
+    np.testing.assert_array_equal(after.weight, after.weight[first][which])
+    weight, drawn = after.weight[:kept], after.weight[kept:]
+    share = weight / weight.sum()
+    mean, spread = share @ weight, np.sqrt(share @ weight**2 - (share @ weight) ** 2)
+    assert abs(drawn.mean() - mean) < 4 * spread / np.sqrt(len(drawn))
+    assert mean - weight.mean() > 10 * spread / np.sqrt(len(drawn))
+
+
 def test_a_seeker_meets_a_tracker_under_way_and_a_hider_flees_within_its_sector() -> None:
     """The bearing of what meets stays the same: they are a few metres apart where the ways cross, wherever it began."""
     blue = way(0, 0, leg(217, 11, 600))
