@@ -85,7 +85,7 @@ def test_nothing_parts_naive_from_contextual_before_three_minutes_and_the_method
     trackers = [replace(NAIVE, filling=Filling(method, 0.75, 0.25)) for method in METHODS]
     trackers += [replace(CONTEXT, filling=Filling(method)) for method in METHODS]
     two = [CLOSING, CLOSING]
-    found = following.follow(two, trackers, 300, 8)
+    found = following.follow(two, trackers, 2500, 8)
     time = wrong(found, CLOSING, RED)[0]
     passive = (time >= 85) & (time <= 215)
     for first in (0, 3):
