@@ -72,7 +72,7 @@ Rules = ti.types.argpack(
 
 Sweeps = ti.types.argpack(
     sweep_time=Doubles,  # [s]
-    sweep_place=Doubles,  # (3 n,) unit vector of the sensor
+    sweep_place=Doubles,  # (3 n,) unit vector of the sensor; at a mark of the target
     sweep_bearing=Doubles,  # [rad] of the detection
     sweep_half=Doubles,  # [rad] its box on either side; pi: all round
     sweep_near=Doubles,  # [rad] its box, or how far a sensor reaches that found nothing
@@ -88,7 +88,9 @@ Legs = ti.types.argpack(
     leg_rate=Doubles,  # [rad/s]
 )
 
-FIELDS = ("x", "y", "z", "east", "north", "rate", "count", "total")  # of an estimate; velocities [rad/s]
+# Of an estimate; velocities [rad/s]. level: share of the cloud that lies where it is denser than at the target; NaN: not asked
+FIELDS = ("x", "y", "z", "east", "north", "rate", "count", "total", "level")
+PICKS = 101  # particles among which the target is ranked by density
 
 
 @ti.func
@@ -390,7 +392,48 @@ def summed(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64):
 
 
 @ti.func
+def level(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64, mean: f64x3, total: ti.f64, target: f64x3):
+    """Return the share of a cloud that lies where it is denser than at a place: which of its areas hold that.
+
+    Densities are Epanechnikov's about every particle but the one that asks, with his own share of the spread (Silverman
+    1986, Density estimation, table 4.1): of 101 particles and the target none knows which it is.
+    """
+    squared, squares = ti.f64(0.0), ti.f64(0.0)
+    for j in range(count):
+        p0, u0 = at(cloud, base + j)
+        p, u = turned(p0, u0, cloud.own_rate[base + j] * (time - cloud.own_since[base + j]))
+        anchor(cloud, base + j, p.normalized(), u.normalized(), time)
+        apart, w = p - mean, cloud.own_weight[base + j]
+        squared += w * apart.dot(apart)
+        squares += w * w
+    effective = total * total / squares
+    reach = ti.f64(2.4 * 2.4) * squared / total * ti.f64(0.5) * ti.pow(effective, ti.f64(-1 / 3))
+    there = density(cloud, base, count, target, -1, reach)
+    denser, picked = ti.f64(0.0), ti.f64(0.0)
+    picks = ti.min(count, PICKS)
+    for pick in range(picks):
+        i = base + pick * count // picks
+        if density(cloud, base, count, vector(cloud.own_place, i), i, reach) > there:
+            denser += cloud.own_weight[i]
+        picked += cloud.own_weight[i]
+    return denser / picked
+
+
+@ti.func
+def density(cloud: ti.template(), base: ti.i32, count: ti.i32, place: f64x3, without: ti.i32, reach: ti.f64) -> ti.f64:
+    """Return a cloud's density at a place, but for a factor, by all particles but one; reach: squared [rad2]."""
+    found = ti.f64(0.0)
+    for j in range(count):
+        i = base + j
+        apart = vector(cloud.own_place, i) - place
+        if i != without:
+            found += cloud.own_weight[i] * ti.max(1.0 - apart.dot(apart) / reach, ti.f64(0.0))
+    return found
+
+
+@ti.func
 def followed(
+    areas: ti.i32,
     k: ti.i32, size: ti.i32, seed0: ti.u32, seed1: ti.u32, cloud: ti.template(), tracks: ti.template(),
     rules: ti.template(), sweeps: ti.template(), legs: ti.template(), estimates: ti.template(),
 ):  # fmt: skip
@@ -438,35 +481,40 @@ def followed(
                     tracks.track_e_place[3 * k + d] = mean[d]
                 tracks.track_e_rate[k], tracks.track_e_time[k] = rate, time
             if row >= 0:
-                place = (tracks.track_first_row[k] + row) * 8
+                place = (tracks.track_first_row[k] + row) * 9
                 own_east, own_north = frame(mean)
                 for d in ti.static(range(3)):
                     estimates[place + d] = mean[d]
                 estimates[place + 3], estimates[place + 4] = velocity.dot(own_east), velocity.dot(own_north)
                 estimates[place + 5], estimates[place + 6], estimates[place + 7] = rate, ti.cast(count, ti.f64), total
+                if areas == 1 and outcome == MARK and count > 1:
+                    estimates[place + 8] = level(cloud, base, count, time, mean, total, vector(sweeps.sweep_place, e))
     tracks.track_count[k], tracks.track_drawn[k] = count, drawn
 
 
 @ti.kernel
 def _follow(
+    areas: ti.i32,
     clouds: ti.i32, size: ti.i32, seed0: ti.u32, seed1: ti.u32, cloud: Cloud, tracks: Tracks, rules: Rules,
     sweeps: Sweeps, legs: Legs, estimates: Doubles,
 ):  # fmt: skip
     """Take every cloud through its sweeps, each by a thread of its own."""
     for turn in range(clouds * BLOCK):
         if turn % BLOCK == 0:
-            followed(turn // BLOCK, size, seed0, seed1, cloud, tracks, rules, sweeps, legs, estimates)
+            followed(areas, turn // BLOCK, size, seed0, seed1, cloud, tracks, rules, sweeps, legs, estimates)
 
 
-def follow(size: int, seed: int, cloud: Any, tracks: Any, rules: Any, sweeps: Any, legs: Any, estimates: Any) -> None:
+def follow(
+    areas: bool, size: int, seed: int, cloud: Any, tracks: Any, rules: Any, sweeps: Any, legs: Any, estimates: Any
+) -> None:
     """Take clouds through their sweeps.
 
-    size: most particles of a cloud; cloud: columns of Cloud by name, of all clouds (clouds * size,); tracks, rules,
-    sweeps, legs: columns of Tracks, Rules, Sweeps and Legs; estimates: (rows * 8,), the FIELDS of each.
+    areas: whether the level of the target is asked for at marks. size: most particles of a cloud; cloud: columns of Cloud by name, of all clouds (clouds * size,); tracks, rules,
+    sweeps, legs: columns of Tracks, Rules, Sweeps and Legs; estimates: (rows * 9,), the FIELDS of each.
     """
     seed0, seed1 = noise.key(seed)
     packs = [
         launch.pack(kind, *(columns[name] for name in kind.members))
         for kind, columns in ((Cloud, cloud), (Tracks, tracks), (Rules, rules), (Sweeps, sweeps), (Legs, legs))
     ]
-    _follow(tracks["track_count"].shape[0], size, seed0, seed1, *packs, estimates)
+    _follow(areas, tracks["track_count"].shape[0], size, seed0, seed1, *packs, estimates)

@@ -49,18 +49,6 @@ def _correlation(value: object) -> Array:
     return matrix
 
 
-def _percents(value: object) -> tuple[float, ...]:
-    """Return percentages, each above 0 and below 100, as shares."""
-    if not isinstance(value, list) or not value:
-        raise ValueError(f"{value!r} must be a list of percentages like [50, 90]")
-    shares = []
-    for one in value:
-        if isinstance(one, bool) or not isinstance(one, int | float) or not 0 < one < 100:
-            raise ValueError(f"{one!r} must be a percentage above 0 and below 100")
-        shares.append(float(one) / 100)
-    return tuple(sorted(set(shares)))
-
-
 class PointTable(fields.Table):
     """A way point: where, when, and how well that is known."""
 
@@ -132,9 +120,9 @@ class OutputTable(fields.Table):
     """Times that are told."""
     every: fields.Duration | None = None
     """Or one every so often; by default five in between."""
-    areas: Annotated[tuple[float, ...], BeforeValidator(_percents)] = (0.5, 0.9)
+    areas: fields.Percents = (0.5, 0.9)
     """Per cent whose ellipses are told."""
-    percentiles: Annotated[tuple[float, ...], BeforeValidator(_percents)] = (0.05, 0.5, 0.95)
+    percentiles: fields.Percents = (0.05, 0.5, 0.95)
     """Per cent of the time of the first touch."""
     coast: str = "gshhg"
     """Shoreline on the picture: `"gshhg"`, `"none"` or a file."""

@@ -208,6 +208,19 @@ def _label(value: object) -> object:
     return value
 
 
+def _percents(value: object) -> tuple[float, ...]:
+    """Return percentages, each above 0 and below 100, as shares."""
+    if not isinstance(value, list) or not value:
+        raise ValueError(f"{value!r} must be a list of percentages like [50, 90]")
+    shares = []
+    for one in value:
+        if isinstance(one, bool) or not isinstance(one, int | float) or not 0 < one < 100:
+            raise ValueError(f"{one!r} must be a percentage above 0 and below 100")
+        shares.append(float(one) / 100)
+    return tuple(sorted(set(shares)))
+
+
+Percents = Annotated[tuple[float, ...], BeforeValidator(_percents)]  # as shares, ascending
 Label = Annotated[str, BeforeValidator(_label)]  # a title or name, as it will stand on maps and in tables
 Count = Annotated[int, BeforeValidator(count)]
 Rate = Annotated[float, BeforeValidator(_jibe)]

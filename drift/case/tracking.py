@@ -243,6 +243,8 @@ class ExperimentTable(fields.Table):
     """How many."""
     window: fields.DurationRange | None = None
     """Times after the start between which figures are averaged; all by default."""
+    areas: fields.Percents = ()
+    """Per cent whose areas are asked how often they hold the target, like [50, 90]; none by default."""
     criteria: CriteriaTable | None = None
     """Of the time to criteria."""
     published: dict[str, dict[str, float]] = Field(default_factory=dict)
@@ -375,5 +377,5 @@ def study(table: TrackingTable, name: str, text: str) -> Study:
         tuple(method.tracker() for method in table.method),
         table.experiment.window or (0.0, math.inf),
         None if criteria is None else Criteria(criteria.position, math.radians(criteria.course), criteria.speed),
-        table.experiment.published,
+        table.experiment.areas, table.experiment.published,
     )  # fmt: skip

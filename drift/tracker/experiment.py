@@ -29,7 +29,7 @@ class Outcome:
 def run(asked: Study, tell: Callable[[float], None] = lambda share: None) -> Outcome:
     """Return the figures of an experiment; tell: takes the share that is done."""
     worlds, ways = study.worlds(asked)
-    found = following.follow(worlds, asked.methods, asked.size, asked.seed, tell)
+    found = following.follow(worlds, asked.methods, asked.size, asked.seed, bool(asked.areas), tell)
     place, velocity, regular = [], [], []
     for world, way in zip(worlds, ways, strict=True):
         told = world.sweeps.row >= 0
@@ -43,7 +43,13 @@ def run(asked: Study, tell: Callable[[float], None] = lambda share: None) -> Out
     times, marked = (np.stack(part) for part in zip(*regular, strict=True))
     at_marks = Errors(*(_at(values, marked) for values in (errors.position, errors.course, errors.speed)))
     moments = study.marks(asked)
-    return Outcome(asked, _figures(asked, errors, times, at_marks, moments), moments, at_marks, len(worlds[0].sweeps))
+    return Outcome(
+        asked,
+        _figures(asked, errors, times, at_marks, _at(found.level, marked), moments),
+        moments,
+        at_marks,
+        len(worlds[0].sweeps),
+    )
 
 
 def _at(values: Array, marked: Array) -> Array:
@@ -51,7 +57,9 @@ def _at(values: Array, marked: Array) -> Array:
     return np.stack([values[:, k, own] for k, own in enumerate(marked)], axis=1)
 
 
-def _figures(asked: Study, errors: Errors, times: Array, at_marks: Errors, moments: Array) -> tuple[Figure, ...]:
+def _figures(
+    asked: Study, errors: Errors, times: Array, at_marks: Errors, levels: Array, moments: Array
+) -> tuple[Figure, ...]:
     inside = (moments >= asked.window[0]) & (moments <= asked.window[1])
     scales = {"position": ("nmi", 1 / NMI), "course": ("deg", np.degrees(1.0)), "speed": ("kn", 1 / KNOT)}
     figures = [
@@ -59,6 +67,9 @@ def _figures(asked: Study, errors: Errors, times: Array, at_marks: Errors, momen
         for name, (unit, scale) in scales.items()
     ]
     figures.append(Figure("track held", "%", 100 * np.isfinite(at_marks.position[..., inside]).mean(axis=-1)))
+    for share in asked.areas:
+        inside_it = np.where(np.isfinite(levels), levels < share, np.nan)[..., inside]
+        figures.append(Figure(f"in {100 * share:g} % area", "%", 100 * over(np.nanmean, inside_it)))
     if asked.criteria is not None:
         near = (errors.position < asked.criteria.position) & (errors.course < asked.criteria.course)
         near &= errors.speed < asked.criteria.speed

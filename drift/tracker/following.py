@@ -36,6 +36,7 @@ class Estimates:
     speed: Array  # [m/s] mean of the particles' speeds
     velocity: Array  # [m/s] mean velocity, east and north (..., 2)
     count: Array  # particles
+    level: Array  # share of the cloud that lies where it is denser than at the target; NaN: not asked for
 
 
 @dataclass(frozen=True)
@@ -50,12 +51,12 @@ class Particles:
 
 def follow(
     worlds: Sequence[World], trackers: Sequence[Tracker], size: int, seed: int,
-    tell: Callable[[float], None] = lambda share: None,
+    areas: bool = False, tell: Callable[[float], None] = lambda share: None,
 ) -> Estimates:  # fmt: skip
     """Follow the target of every world in every way; size: particles of a cloud.
 
     Worlds may be one object: its sweeps are then kept once. Clouds of one world share their random numbers, whatever
-    the way of following. tell: takes the share that is done.
+    the way of following. areas: whether levels are asked for. tell: takes the share that is done.
     """
     if size < 1:
         raise ValueError(f"a cloud needs a particle or more, not {size}")
@@ -64,13 +65,18 @@ def follow(
     step = max(TOGETHER // (size * len(trackers)), 1)
     for first in range(0, len(worlds), step):
         some = slice(first, first + step)
-        batch = Clouds(worlds[some], trackers, size, seed, first).go()
+        batch = Clouds(worlds[some], trackers, size, seed, first, areas).go()
         found[:, some, : batch.rows] = batch.fields
         tell(min((first + step) / len(worlds), 1.0))
     metres = sphere.RADIUS
     velocity = found[..., 3:5] * metres
     return Estimates(
-        found[..., :3], np.arctan2(velocity[..., 0], velocity[..., 1]), found[..., 5] * metres, velocity, found[..., 6]
+        found[..., :3],
+        np.arctan2(velocity[..., 0], velocity[..., 1]),
+        found[..., 5] * metres,
+        velocity,
+        found[..., 6],
+        found[..., 8],
     )
 
 
@@ -78,9 +84,16 @@ class Clouds:
     """The clouds of some worlds, in every way of following, on the device; all at the same sweep of their worlds."""
 
     def __init__(
-        self, worlds: Sequence[World], trackers: Sequence[Tracker], size: int, seed: int, run: int = 0
+        self,
+        worlds: Sequence[World],
+        trackers: Sequence[Tracker],
+        size: int,
+        seed: int,
+        run: int = 0,
+        areas: bool = False,
     ) -> None:
         """Have no track of anything yet; run: number of the first world, the key of its random numbers."""
+        self.areas = areas
         distinct = {id(world): world for world in worlds}
         places = {key: k for k, key in enumerate(distinct)}
         which = np.array([places[id(world)] for world in worlds])
@@ -115,7 +128,7 @@ class Clouds:
         last = [b + np.searchsorted(time[b:e], until, side="right") for b, e in zip(first, self._end, strict=True)]
         self._tracks["track_first"].from_numpy(first)
         self._tracks["track_last"].from_numpy(np.array(last, np.int32))
-        clouds.follow(self.size, self.seed, self._cloud, self._tracks, *self._fixed, self._found)
+        clouds.follow(self.areas, self.size, self.seed, self._cloud, self._tracks, *self._fixed, self._found)
         return self
 
     def hold(self, place: Array, velocity: Array) -> None:
@@ -191,7 +204,7 @@ def wanders(begin: Path, law: Behaviour, tracker: Path, moments: Array, runs: in
     """
     place, velocity = begin.at([0.0])
     way = Tracker("target", law, Filling())
-    marks = sweeps_of.marks(moments, tracker)
+    marks = sweeps_of.marks(moments, begin)
     marks = replace(marks, row=np.arange(len(moments), dtype=np.int32))
     seed = noise.seed_for(seed, noise.Purpose.TARGET)
     alone = Clouds([World(tracker, marks)] * runs, [way], 1, seed)

@@ -49,6 +49,7 @@ class Study:
     methods: tuple[Tracker, ...]  # ways of following
     window: tuple[float, float] = (0.0, np.inf)  # [s] over which figures are averaged
     criteria: Criteria | None = None
+    areas: tuple[float, ...] = ()  # shares of the probability whose areas are asked whether they hold the target
     published: dict[str, dict[str, float]] = field(default_factory=dict)  # by way of following and figure
 
 
@@ -81,4 +82,4 @@ def _world(study: Study, target: Path) -> World:
         for sensor in study.sensors
     ]
     told = study.criteria is not None
-    return World(study.tracker, sweeps.ordered([*parts, sweeps.marks(marks(study), study.tracker)], told))
+    return World(study.tracker, sweeps.ordered([*parts, sweeps.marks(marks(study), target)], told))

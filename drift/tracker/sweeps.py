@@ -18,7 +18,7 @@ class Sweeps:
     """Sweeps in order of time, those of one time in the order of their sensors, and marks after them; each (n,)."""
 
     time: Array  # [s]
-    place: Array  # unit vectors of the tracker (n, 3)
+    place: Array  # unit vectors of the tracker, at marks of the target (n, 3)
     bearing: Array  # [rad] of the detection
     half: Array  # [rad] its box on either side
     near: Array  # [rad] its ranges, or how far the sensor reaches that found nothing
@@ -80,8 +80,8 @@ def of_sensor(sensor: Sensor, moments: Array, tracker: Path, target: Array) -> S
     return Sweeps(*(x[keep] for x in (moments, place, bearing, half, near, far, outcome, row)))
 
 
-def marks(moments: Array, tracker: Path) -> Sweeps:
+def marks(moments: Array, target: Path) -> Sweeps:
     """Return times [s] at which the estimate is asked for and nothing is swept."""
     zero = np.zeros(len(moments))
     kind = np.full(len(moments), MARK, np.int32)
-    return Sweeps(moments, tracker.at(moments)[0], zero, zero, zero, zero, kind, kind)
+    return Sweeps(moments, target.at(moments)[0], zero, zero, zero, zero, kind, kind)

@@ -65,6 +65,7 @@ def test_a_good_case_is_read(tmp_path: Path) -> None:
         ('title = "t"', 'title = "t"\nevery = "2 h"', "every: 7200 s is longer than the case"),
         ('fastest = "32 kn"', 'fastest = "32 kn"\nbulk = 0.9', "bulk 0.9 must not be above partial 0.75"),
         ('radiates = { every = "20 min", lasting = "5 min" }', "", ""),
+        ("change = 0.5", "change = 0.5\n[experiment]\nareas = [50, 120]", "must be a percentage above 0 and below 100"),
         ("change = 0.5", "change = 0.5\n[experiment.published.other]\nx = 1", 'no method "other"'),
     ],
 )  # fmt: skip
@@ -88,7 +89,7 @@ def test_other_files_are_refused_by_what_they_are(tmp_path: Path) -> None:
         load(tmp_path, 'title = "x"\n[[scenario]]\nname = "s"\n')
     with pytest.raises(UserError, match="not valid TOML"):
         load(tmp_path, "title =")
-    with pytest.raises(UserError, match="tracking cases that ship: closing, run_to_the_south"):
+    with pytest.raises(UserError, match="tracking cases that ship: closing, fast_boat, run_to_the_south"):
         tracking.load("closin")
     with pytest.raises(UserError, match='unknown key "x"'):
         load(tmp_path, GOOD, **{"tracker.x.y": "3"})

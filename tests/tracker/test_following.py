@@ -49,7 +49,7 @@ def world(
     for sensor in sensors:
         moments = sweeps.times(sensor, end, emissions)
         parts.append(sweeps.of_sensor(sensor, moments, tracker, target.at(moments)[0]))
-    parts.append(sweeps.marks(np.arange(every, end + 1e-6, every), tracker))
+    parts.append(sweeps.marks(np.arange(every, end + 1e-6, every), target))
     return World(tracker, sweeps.ordered(parts, detections))
 
 
@@ -164,6 +164,28 @@ def test_duplicates_are_drawn_by_weight_and_keep_it() -> None:
     mean, spread = share @ weight, np.sqrt(share @ weight**2 - (share @ weight) ** 2)
     assert abs(drawn.mean() - mean) < 4 * spread / np.sqrt(len(drawn))
     assert mean - weight.mean() > 10 * spread / np.sqrt(len(drawn))
+
+
+def test_levels_of_what_a_cloud_was_drawn_from_are_uniform() -> None:
+    """A target that is drawn from the box of its detection is one more particle: its rank by density is any, and a share of
+    1 - p is below p. One that lies outside of all is beyond every area."""
+    here, random = path.standing(LON, LAT, 0.0, HOUR), np.random.default_rng(6)
+    at, worlds = path.vector(LON, LAT), []
+    for _ in range(600):
+        far, azimuth = random.uniform(6.0, 21.0) * NMI, random.uniform(20.0, 90.0)
+        lon, lat, _ = EARTH.fwd(*np.degrees([LON, LAT]), azimuth, far)
+        truth = path.standing(*np.radians([lon, lat]), 0.0, HOUR)
+        parts = [one_box(55.0, 6.0, 21.0, 35.0, 0.0, at), sweeps.marks(np.array([0.0]), truth)]
+        worlds.append(World(here, sweeps.ordered(parts)))
+    found = following.follow(worlds, [NAIVE], 600, 12, areas=True)
+    level = found.level[0, :, 0]
+    assert stats.kstest(level, "uniform").pvalue > 1e-3
+    for share in (0.5, 0.9):
+        assert abs((level < share).mean() - share) < 4 * np.sqrt(share * (1 - share) / 600)
+    away = path.standing(LON + 0.1, LAT, 0.0, HOUR)
+    lost = World(here, sweeps.ordered([one_box(55.0, 6.0, 21.0, 35.0, 0.0, at), sweeps.marks(np.array([0.0]), away)]))
+    assert following.follow([lost], [NAIVE], 600, 12, areas=True).level[0, 0, 0] == 1.0
+    assert np.isnan(following.follow([lost], [NAIVE], 600, 12).level).all()
 
 
 def test_a_seeker_meets_a_tracker_under_way_and_a_hider_flees_within_its_sector() -> None:
