@@ -407,6 +407,7 @@ def count() -> int:
         *places(schema.CaseTable),
         *places(network.NetworkTable),
         *places(bridge.BridgeTable),
+        *places(tracking.TrackingTable),
         sensor.ConditionsTable,
     }
     return sum(len(model.model_fields) for model in models)
