@@ -308,7 +308,12 @@ def drawn_anew(
     )
     s = vector(sweeps.sweep_place, e)
     east, north = frame(s)
-    known, old, pace = tracks.track_e_rate[k] >= 0.0, vector(tracks.track_e_place, k), tracks.track_e_rate[k]
+    # Of two detections at one time the first tells no speed.
+    known, old, pace = (
+        tracks.track_e_rate[k] >= 0.0 and time > tracks.track_e_time[k],
+        vector(tracks.track_e_place, k),
+        tracks.track_e_rate[k],
+    )
     elapsed = ti.max(time - tracks.track_e_time[k], ti.f64(1e-9))
     high = rules.rule_fastest[law]
     low, least = 2.0 * pace - high, high * LEAST

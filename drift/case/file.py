@@ -36,11 +36,10 @@ FILES = ("files", "source", "lakes", "file", "network", "track", "actual")  # ke
 LARGEST = 16 * 2**20  # [bytes] of a case file: a thousand times those that ship
 
 
-def shipped() -> list[tuple[str, str]]:
-    """Return (name, title) of the cases that ship with the project."""
-    files = sorted(
-        (file for file in resources.files("cases").iterdir() if file.name.endswith(".toml")), key=lambda f: f.name
-    )
+def shipped(folder: str = "") -> list[tuple[str, str]]:
+    """Return (name, title) of the cases that ship with the project; folder: "tracking" for those of drift experiment."""
+    place = resources.files("cases").joinpath(folder)
+    files = sorted((file for file in place.iterdir() if file.name.endswith(".toml")), key=lambda f: f.name)
     return [
         (file.name.removesuffix(".toml"), str(tomllib.loads(file.read_text(encoding="utf-8")).get("title", "")))
         for file in files
@@ -195,6 +194,8 @@ def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
     try:
         return path, small.contents(path, LARGEST).decode("utf-8-sig")  # editors of Windows put a byte order mark first
     except (FileNotFoundError, NotADirectoryError):
+        if str(name) in {known for known, _ in shipped("tracking")}:
+            raise UserError(f'"{name}" is a tracking case: drift experiment {name}') from None
         names = ", ".join(name for name, _ in shipped())
         raise UserError(f'no case "{name}": neither a file nor a shipped case ({names}). See: drift cases') from None
     except UnicodeDecodeError:

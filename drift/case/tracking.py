@@ -280,8 +280,7 @@ class TrackingTable(fields.Table):
 
 def shipped() -> list[str]:
     """Return the names of the tracking cases that ship with the project."""
-    folder = resources.files("cases") / "tracking"
-    return sorted(file.name.removesuffix(".toml") for file in folder.iterdir() if file.name.endswith(".toml"))
+    return [name for name, _ in case_file.shipped("tracking")]
 
 
 def is_one(name: str | os.PathLike[str]) -> bool:

@@ -15,15 +15,19 @@ def cases(given: argparse.Namespace) -> Answer:
     """List the shipped cases."""
     from drift.case import file as case_file
 
-    shipped = case_file.shipped()
+    shipped, tracking = case_file.shipped(), case_file.shipped("tracking")
 
     def show() -> None:
         table = terminal.table("Name", "Title")
         for name, title in shipped:
             table.add_row(name, title)
+        for name, title in tracking:
+            table.add_row(name, f"{title} (drift experiment)")
         terminal.show(table)
 
-    return Answer(numbers={"cases": [{"name": name, "title": title} for name, title in shipped]}, show=show)
+    told = {"cases": shipped, "tracking_cases": tracking}
+    numbers = {key: [{"name": name, "title": title} for name, title in rows] for key, rows in told.items()}
+    return Answer(numbers=numbers, show=show)
 
 
 def new(given: argparse.Namespace) -> Answer:

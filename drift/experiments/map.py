@@ -79,7 +79,7 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
     symbols: list[tuple[Any, str]] = []
     for number, (name, _, scale) in enumerate(text.ERRORS):
         axes = _panel(on, height, over, number, NAMES[name])
-        mean, error = text.course_of(found, name, scale)
+        mean, error = text.curve(found, name, scale)
         for group, (colour, dash) in zip(groups, styles, strict=True):
             (line,) = axes.plot(found.time / 60, mean[group[0]], color=colour, linestyle=dash, linewidth=1.5)
             axes.fill_between(

@@ -107,14 +107,14 @@ def times(found: Experiment) -> str:
     rows = []
     tracking = found.tracking
     assert tracking is not None
-    curves = [course_of(tracking, name, scale) for name, _, scale in ERRORS]
+    curves = [curve(tracking, name, scale) for name, _, scale in ERRORS]
     for way, name in enumerate(found.ways):
         for k, time in enumerate(tracking.time):
             rows.append([name, time / 60, *(_cell(curve[way, k]) for both in curves for curve in both)])
     return formats.csv_text(header, rows)
 
 
-def course_of(found: Outcome, name: str, scale: float) -> tuple[Array, Array]:
+def curve(found: Outcome, name: str, scale: float) -> tuple[Array, Array]:
     """Return (mean, standard error) of an error over the runs that hold a track, each (ways of following, times)."""
     values = getattr(found.errors, name) * scale
     held = np.isfinite(values)

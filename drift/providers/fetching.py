@@ -91,8 +91,14 @@ def orders(
     known = catalogue.read(own)
     named = [known[name].quantity for name in providers if name in known]
     wanted = list(dict.fromkeys(quantities or named or USUAL))
-    chosen = catalogue.choose(known, wanted, providers, box, begin, end, np.datetime64("now", "s"))
-    return [Order(provider, box, begin, end, timeout) for provider in chosen]
+    asked = now()
+    chosen = catalogue.choose(known, wanted, providers, box, begin, end, asked)
+    return [Order(provider, box, begin, end, timeout, asked) for provider in chosen]
+
+
+def now() -> np.datetime64:
+    """Return the time by the clock [s] UTC."""
+    return np.datetime64("now", "s")
 
 
 def ship(ordered: Sequence[Order], tell: Callable[[str], None]) -> list[Shipment]:

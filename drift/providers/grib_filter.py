@@ -29,14 +29,13 @@ LARGEST = 200_000_000  # [bytes] of one time: the whole globe has 4 MB
 
 def ship(order: Order) -> Shipment:
     """Return what an order comes to; asks nobody, for the filter has no description. Raises UserError."""
-    now = np.datetime64("now", "s")
-    first, last = order.provider.span(now)
+    first, last = order.provider.span(order.asked)
     if order.begin < first or order.end > last:
         raise UserError(
             f"{order.provider.name} has about {first}Z to {last}Z, not all of {order.begin}Z to {order.end}Z: "
             "ask for another span (--from, --to) or provider"
         )
-    stated = _stated(order, now)
+    stated = _stated(order)
     box = order.box.grown(MARGIN, MARGIN)
     nodes = ((box.east - box.west) / CELL + 1) * ((box.north - box.south) / CELL + 1)
     parts = []
@@ -50,12 +49,12 @@ def ship(order: Order) -> Shipment:
     return Shipment(order, tuple(parts), ("size estimated: the filter does not say it",))
 
 
-def _stated(order: Order, now: np.datetime64) -> list[tuple[np.datetime64, str]]:
+def _stated(order: Order) -> list[tuple[np.datetime64, str]]:
     """Return all times that an order needs, and the question for each."""
     runs = order.provider.runs
     assert runs is not None
     every = int(runs["every"]) * HOUR
-    newest = _down(now - int(runs["delay"]) * HOUR, every)
+    newest = _down(order.asked - int(runs["delay"]) * HOUR, every)
     found = []
     time = _down(order.begin, HOUR)
     while True:

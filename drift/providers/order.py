@@ -15,7 +15,8 @@ from geo.box import Box
 class Order:
     """A quantity of a provider in a box, at all its times from one that is not after `begin` to one not before `end`.
 
-    timeout: how long a server may leave a question unanswered [s].
+    timeout: how long a server may leave a question unanswered [s]; asked: when it was ordered, which says what a forecast's
+    provider has.
     """
 
     provider: Provider
@@ -23,6 +24,7 @@ class Order:
     begin: np.datetime64  # [s] UTC
     end: np.datetime64
     timeout: float
+    asked: np.datetime64  # [s] UTC
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import drift
-from drift.providers import parts
+from drift.providers import fetching, parts
 from geo.errors import UserError
 from geo.forcing import sources
 
@@ -27,12 +27,13 @@ license = "free"
 runs = {{ folder = "/gfs.%Y%m%d/%H/atmos", file = "gfs.t%Hz.f{{lead:03d}}", level = "10_m_above_ground", every = 6, delay = 5, steps = [[4, 1], [30, 3]] }}
 """
 HOUR = np.timedelta64(3600, "s")
-NOW = np.datetime64("now", "s")
-RUN = (NOW - 5 * HOUR).astype("datetime64[D]") + (NOW - 5 * HOUR - (NOW - 5 * HOUR).astype("datetime64[D]")) // (6 * HOUR) * (6 * HOUR)  # fmt: skip
+RUN = np.datetime64("2026-03-04T06:00:00")
+NOW = RUN + np.timedelta64(5 * 3600 + 17 * 60, "s")  # that run is out, the next one is not
 
 
 @pytest.fixture(autouse=True)
 def hasty(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(fetching, "now", lambda: NOW)
     monkeypatch.setattr(parts, "PAUSE", 0.02)
     monkeypatch.setenv("HOME", str(tmp_path))
 
