@@ -169,9 +169,11 @@ def test_what_a_part_holds_is_what_it_is_known_by(monkeypatch: pytest.MonkeyPatc
 
         def keys(where: tuple[float, ...], begin: str, said: dict[str, object]) -> list[str]:
             sea["u"] = replace(u, attributes={**u.attributes, **said})
-            times = (np.datetime64(when.rstrip("Z"), "s") for when in (begin, END))
+            times = [np.datetime64(when.rstrip("Z"), "s") for when in (begin, END)]
             one = Provider("trial", "trial", "current", "opendap", ("u", "v"), (address,))
-            shipment = opendap.ship(Order(one, Box(where[0], where[1], where[2], where[3]), *times, 5.0, times[0]))
+            shipment = opendap.ship(
+                Order(one, Box(where[0], where[1], where[2], where[3]), times[0], times[1], 5.0, times[0])
+            )
             return [part.key for part in shipment.parts]
 
         first = keys(box, BEGIN, {})
