@@ -19,6 +19,8 @@ drift.check(case)                   # how a case was understood, nothing run
 plan, result = drift.plan(case)     # the next search by the case's units; of a spill: drift.patrol; of towed arrays: drift.place
 plan, result = drift.allocate(case) # which beams of arrays to process when, where processors are few
 drift.sensor_reach(case, "array", out="reach")  # where a sensor of the case would hear or see a target
+drift.experiment("closing")         # many runs of any case, in several ways, and how their figures scatter
+drift.track("lost_contact")         # a target followed by the detections there are: its track and areas
 drift.serve("cases")                # edit, run and read cases in the browser
 drift.origin(case)                  # of a spill: where it may have come from, backward from its finds
 """
@@ -39,6 +41,7 @@ _HOMES = {
     "desk.server": ["serve"],
     "drifters.fitting": ["fit_errors"],
     "drifters.verification": ["verify"],
+    "experiments.command": ["experiment"],
     "exchange.exporter": ["export"],
     "flow": ["origin", "run", "trace"],
     "many": ["Brief", "run_many"],
@@ -48,6 +51,7 @@ _HOMES = {
     "preview.check": ["check"],
     "providers.fetching": ["fetch"],
     "reach.command": ["sensor_reach"],
+    "regain.command": ["track"],
     "result": ["Result"],
     "version": ["__version__"],
 }

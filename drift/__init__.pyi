@@ -11,6 +11,7 @@ from drift.desk.server import serve as serve
 from drift.drifters.fitting import fit_errors as fit_errors
 from drift.drifters.verification import verify as verify
 from drift.exchange.exporter import export as export
+from drift.experiments.command import experiment as experiment
 from drift.flow import origin as origin
 from drift.flow import run as run
 from drift.flow import trace as trace
@@ -22,6 +23,7 @@ from drift.planner.planner import plan as plan
 from drift.preview.check import check as check
 from drift.providers.fetching import fetch as fetch
 from drift.reach.command import sensor_reach as sensor_reach
+from drift.regain.command import track as track
 from drift.result import Result as Result
 from drift.version import __version__ as __version__
 from geo.errors import UserError as UserError

@@ -471,7 +471,7 @@ def followed(
         share = ti.cast(count, ti.f64) / ti.cast(size, ti.f64)
         if outcome == SILENT and count < before and share < rules.rule_bulk[law]:
             count = 0  # the track is lost
-        elif outcome == DETECTED and share < rules.rule_bulk[law]:
+        elif outcome == DETECTED and (share < rules.rule_bulk[law] or count == 0):
             drawn = drawn_anew(cloud, tracks, rules, sweeps, e, k, count, size, drawn, seed0, seed1)
             count = size
             total, rate, mean, velocity = summed(cloud, base, count, time)

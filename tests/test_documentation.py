@@ -37,6 +37,7 @@ from drift.posterior import chapter as posterior_chapter
 from drift.posterior.quantities import QUANTITIES
 from drift.providers import fetching
 from drift.reach import chapter as reach_chapter
+from drift.regain import chapter as regain_chapter
 from drift.search import chapter as search_chapter
 from drift.spill import chapter as spill_chapter
 from drift.suspend import chapter as suspend_chapter
@@ -91,7 +92,10 @@ WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapt
     },
     "docs/compare.md": {*contrast_chapter.FILES, *contrast_chapter.PICTURES},
     "docs/targets.md": {*reach_chapter.FILES, *reach_chapter.PICTURES},
-    "docs/tracking.md": {*experiments_chapter.FILES, *experiments_chapter.TRACKING, *experiments_chapter.PICTURES},
+    "docs/tracking.md": {
+        *experiments_chapter.FILES, *experiments_chapter.TRACKING, *experiments_chapter.PICTURES, *regain_chapter.FILES,
+        *regain_chapter.PICTURES,
+    },
     "docs/fetch.md": {fetching.TABLES, "manifest.json"},
     "docs/verify.md": {*drifters_chapter.FILES, *drifters_chapter.PICTURES},
     "docs/formats.md": {"forecast.kml", "forecast.gpx"},  # of exports

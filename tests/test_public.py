@@ -13,8 +13,8 @@ from places import ROOT
 import drift
 
 NAMES = {
-    "Brief", "Case", "Result", "UserError", "__version__", "allocate", "check", "compare", "export", "fetch", "fit_errors", "load", "origin", "patrol", "place", "plan", "progress",
-    "results", "run", "run_many", "sensor_reach", "serve", "trace", "vary", "verify",
+    "Brief", "Case", "Result", "UserError", "__version__", "allocate", "check", "compare", "experiment", "export", "fetch", "fit_errors", "load", "origin", "patrol", "place", "plan", "progress",
+    "results", "run", "run_many", "sensor_reach", "serve", "trace", "track", "vary", "verify",
 }  # fmt: skip
 
 

@@ -195,7 +195,7 @@ def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
         return path, small.contents(path, LARGEST).decode("utf-8-sig")  # editors of Windows put a byte order mark first
     except (FileNotFoundError, NotADirectoryError):
         if str(name) in {known for known, _ in shipped("tracking")}:
-            raise UserError(f'"{name}" is a tracking case: drift experiment {name}') from None
+            raise UserError(f'"{name}" is a tracking case: drift experiment or drift track, see drift cases') from None
         names = ", ".join(name for name, _ in shipped())
         raise UserError(f'no case "{name}": neither a file nor a shipped case ({names}). See: drift cases') from None
     except UnicodeDecodeError:

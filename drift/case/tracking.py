@@ -15,10 +15,11 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
-from drift.case import fields, messages, mistakes, units
+from drift.case import detections, fields, messages, mistakes, units
 from drift.case import file as case_file
 from drift.case.mistakes import Mistakes
 from drift.tracker import path
+from drift.tracker.detections import Detections
 from drift.tracker.path import Leg
 from drift.tracker.records import Behaviour, Filling, Plan, Sensor, Tracker
 from drift.tracker.study import Criteria, Scene, Study
@@ -111,6 +112,26 @@ class WayTable(fields.Table):
         return path.of_legs(float(lon), float(lat), legs)
 
 
+class TrackerTable(fields.Table):
+    """Where the tracker is: from a place along legs, or by a track; of detections also by their file's lat and lon."""
+
+    at: fields.Position | None = None
+    """Where it begins."""
+    legs: list[LegTable] = Field(default_factory=list)
+    """Where it goes from there."""
+    track: str | None = None
+    """A GPX file with times, of where it was."""
+
+    @model_validator(mode="after")
+    def proper(self) -> "TrackerTable":
+        """Refuse two ways at once, and legs from nowhere."""
+        wrong = ["at and track are both given; give one"] if self.at is not None and self.track is not None else []
+        if self.legs and self.at is None:
+            wrong.append("at: is missing; legs begin there")
+        fields.refuse(self, wrong)
+        return self
+
+
 class BehaviourTable(fields.Table):
     """What something does at times of its own."""
 
@@ -178,6 +199,8 @@ class SensorTable(fields.Table):
     """When it is on."""
     hears: bool = False
     """It detects a target's radar while that is on; its silence tells nothing."""
+    grace: Elapsed = 300.0
+    """Of `detections`: its silence counts no nearer to a detection of its own, for not every plot is written down."""
 
     @model_validator(mode="after")
     def proper(self) -> "SensorTable":
@@ -198,6 +221,7 @@ class SensorTable(fields.Table):
             interval,
             plan,
             self.hears,
+            self.grace,
         )
 
 
@@ -266,9 +290,13 @@ class TrackingTable(fields.Table):
     """Of each cloud."""
     seed: fields.Count = 1
     """Of all random numbers."""
-    target: TargetTable
-    """Who is followed."""
-    tracker: WayTable
+    target: TargetTable | None = None
+    """Who is followed in an experiment."""
+    detections: str | None = None
+    """In place of it, a CSV file of what was detected: `time`, `sensor`, `bearing` (true, degrees), `range` (nmi), and where the tracker was, `lat` and `lon`."""
+    show: list[Elapsed] = Field(default_factory=list)
+    """Of detections: times after the start at which the cloud is drawn and its areas are told; by default the last detection, the end, and between."""
+    tracker: TrackerTable = TrackerTable()
     """Who follows."""
     sensor: Annotated[list[SensorTable], Field(min_length=1)]
     """Its sensors."""
@@ -291,7 +319,7 @@ def is_one(name: str | os.PathLike[str]) -> bool:
         data = tomllib.loads(small.contents(Path(name), LARGEST).decode("utf-8-sig"))
     except (OSError, UserError, ValueError, RecursionError):
         return False
-    return "tracker" in data or "target" in data
+    return "tracker" in data or "target" in data or "detections" in data
 
 
 def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = None) -> Study:
@@ -321,10 +349,10 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
             case_file.override(data, key, value)
         text += f"\n# --set {key}={value}"
     wrong.refuse()
-    if "target" not in data and ("scenario" in data or "spill" in data):
+    if "target" not in data and "detections" not in data and ("scenario" in data or "spill" in data):
         raise UserError(f"{place.name}: is a case of drift run; a tracking case has [target] and [tracker]")
     try:
-        return study(TrackingTable.model_validate(data), place.stem, text)
+        return study(TrackingTable.model_validate(data), place.stem, text, place.parent)
     except ValidationError as error:
         raise _refusal(place, messages.lines(error, data)) from None
     except (UserError, ValueError) as error:
@@ -335,46 +363,84 @@ def _refusal(place: Path, lines: Sequence[str]) -> UserError:
     return UserError(*(f"{place.name}: {' '.join(line.split())}" for line in mistakes.shortened(tuple(lines))))
 
 
-def study(table: TrackingTable, name: str, text: str) -> Study:
-    """Return what the tables ask for; name, text: of their file. Raises UserError with a line for each mistake."""
-    wrong: list[str] = []
+def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
+    """Return what the tables ask for; name, text, folder: of their file. Raises UserError with a line for each mistake."""
+    wrong = Mistakes()
     start = table.start
     if isinstance(start, np.timedelta64):
-        wrong.append("start: must be a date and time")
+        wrong.lines.append("start: must be a date and time")
         start = np.datetime64(0, "s")
     for what, value in (("particles", table.particles), ("experiment.runs", table.experiment.runs)):
         if not 1 <= value <= MOST:
-            wrong.append(f"{what}: {value:,} must be 1 to {MOST:,}")
+            wrong.lines.append(f"{what}: {value:,} must be 1 to {MOST:,}")
     if not 0 <= table.seed < 2**64:
-        wrong.append(f"seed: {table.seed} must be 0 to 2**64 - 1")
-    if table.every > table.duration:
-        wrong.append(f"every: {table.every:g} s is longer than the case, {table.duration:g} s")
+        wrong.lines.append(f"seed: {table.seed} must be 0 to 2**64 - 1")
+    for what, after in (("every", table.every), *(("show", after) for after in table.show)):
+        if after > table.duration:
+            wrong.lines.append(f"{what}: {after:g} s is longer than the case, {table.duration:g} s")
     for kind in ("sensor", "method"):
         names = [one.name for one in getattr(table, kind)]
-        wrong += [f'{kind} "{name}": there are two of this name' for name in {n for n in names if names.count(n) > 1}]
+        twice = {n for n in names if names.count(n) > 1}
+        wrong.lines += [f'{kind} "{name}": there are two of this name' for name in twice]
+    target = table.target
     for sensor in table.sensor:
         if table.duration / sensor.sweep > MOST_SWEEPS:
-            wrong.append(f'sensor "{sensor.name}".sweep: asks for more than {MOST_SWEEPS:,} sweeps')
-        if sensor.hears and table.target.radiates is None:
-            wrong.append(
+            wrong.lines.append(f'sensor "{sensor.name}".sweep: asks for more than {MOST_SWEEPS:,} sweeps')
+        if sensor.hears and target is not None and target.radiates is None:
+            wrong.lines.append(
                 f'sensor "{sensor.name}": hears the target\'s radar, which is never on; give [target.radiates]'
             )
     strange = sorted(set(table.experiment.published) - {method.name for method in table.method})
-    wrong += [f'experiment.published: no method "{name}"' for name in strange]
-    if wrong:
-        raise UserError(*wrong)
+    wrong.lines += [f'experiment.published: no method "{name}"' for name in strange]
+    if (target is None) == (table.detections is None):
+        wrong.lines.append(
+            "[target] and detections are both given; give one"
+            if target is not None
+            else '[target] is missing: give it, or detections = "file.csv"'
+        )
+    sensors = tuple(sensor.sensor(1.2 if target is None else target.sweep) for sensor in table.sensor)
+    own: path.Path | None = None
+    followed: Scene | Detections | None = None
+    if target is not None:
+        with wrong.gathered("target"):
+            followed = Scene(
+                target.way(table.duration), None if target.radiates is None else target.radiates.plan(), target.sweep,
+                None if target.behaviour is None else target.behaviour.behaviour(),
+            )  # fmt: skip
+    elif table.detections is not None:
+        with wrong.gathered():
+            followed, own = detections.read(table.detections, folder, start, table.duration, sensors)
+    wrong.refuse()
+    tracker: path.Path | None = None
+    with wrong.gathered("tracker"):
+        tracker = _tracker(table.tracker, own, start, table.duration, folder)
+    wrong.refuse()
+    assert tracker is not None
+    assert followed is not None
     criteria = table.experiment.criteria
-    target = table.target
     return Study(
         name, text, table.title, start, table.duration, table.every, table.particles, table.seed,
-        table.experiment.runs, table.tracker.way(table.duration),
-        Scene(
-            target.way(table.duration), None if target.radiates is None else target.radiates.plan(), target.sweep,
-            None if target.behaviour is None else target.behaviour.behaviour(),
-        ),
-        tuple(sensor.sensor(target.sweep) for sensor in table.sensor),
+        table.experiment.runs, tracker, followed, sensors,
         tuple(method.tracker() for method in table.method),
         table.experiment.window or (0.0, math.inf),
         None if criteria is None else Criteria(criteria.position, math.radians(criteria.course), criteria.speed),
-        table.experiment.areas, table.experiment.published,
+        table.experiment.areas, tuple(sorted(table.show)), table.experiment.published,
     )  # fmt: skip
+
+
+def _tracker(table: TrackerTable, own: path.Path | None, start: np.datetime64, end: float, folder: Path) -> path.Path:
+    """Return where the tracker is; own: by the file of detections."""
+    if own is not None and (table.at is not None or table.track is not None):
+        raise ValueError("the file of detections says where it was (lat, lon); leave at and track out")
+    if table.at is not None:
+        way = WayTable(at=table.at, legs=table.legs).way(end)
+        # It stays where its legs end.
+        stays = way.time[-1] < end
+        return path.Path(np.append(way.time, end), np.vstack([way.place, way.place[-1:]])) if stays else way
+    if table.track is not None:
+        return detections.tracked(table.track, folder, start, end)
+    if own is None:
+        raise ValueError(
+            "nobody says where it is; give at with legs, track (a GPX file), or lat and lon in the file of detections"
+        )
+    return own

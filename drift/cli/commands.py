@@ -31,6 +31,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], Answer]] = {
     "fit-bridge": bridges.fit_bridge,
     "sensor": reach.sensor,
     "experiment": experiments.experiment,
+    "track": experiments.track,
     "check": jobs.check,
     "cases": lists.cases,
     "new": lists.new,

@@ -1,4 +1,4 @@
-"""Many runs of a case: experiment."""
+"""The commands of tracking cases, and of many runs of any case: experiment, track."""
 
 import argparse
 from pathlib import Path
@@ -26,6 +26,24 @@ def experiment(given: argparse.Namespace) -> Answer:
         )  # fmt: skip
     lines = (f"{found.runs:,} runs, each of {found.about}; seed {found.seed}", f"Results in {out}")
     return Answer(found.title, text.facts(found), lines, {"experiment": text.numbers(found)}, out)
+
+
+def track(given: argparse.Namespace) -> Answer:
+    """Follow a target by its detections."""
+    with interrupt.leaving_at_once():
+        changes = take.changed(given.changes)
+        if given.seed is not None:
+            changes["seed"] = str(given.seed)
+        out = given.out or Path(f"{Path(given.case).stem}-track")
+        from drift.cli import progress
+        from drift.regain import command, text
+    with progress.progress(quiet=given.quiet or given.json) as tell:
+        found = command.track(
+            given.case, out, changes=changes, backend=given.backend, threads=given.threads, overwrite=given.overwrite,
+            tell=tell,
+        )  # fmt: skip
+    lines = (f"Map in {out / 'track.png'}, all results in {out}",)
+    return Answer(found.held.study.title, text.facts(found), lines, {"track": text.numbers(found)}, out)
 
 
 def _variant(text: str) -> tuple[str, dict[str, str]]:

@@ -91,6 +91,11 @@ def parser() -> Parser:
 
     _add_sensor(commands)
     _add_experiment(commands)
+    track = commands.add_parser(
+        "track", help="follow a target by the detections there are: its track, its areas, and where to look for it"
+    )
+    _add_case(track)
+    _add_results(track, "NAME-track")
 
     check = commands.add_parser("check", help="validate a case and its forcing without running")
     _add_case(check)

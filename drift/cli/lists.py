@@ -22,7 +22,7 @@ def cases(given: argparse.Namespace) -> Answer:
         for name, title in shipped:
             table.add_row(name, title)
         for name, title in tracking:
-            table.add_row(name, f"{title} (drift experiment)")
+            table.add_row(name, f"{title} (tracking)")
         terminal.show(table)
 
     told = {"cases": shipped, "tracking_cases": tracking}

@@ -12,6 +12,7 @@ from drift.experiments.record import Experiment
 from drift.maps.imprint import Imprint
 from drift.output import formats, writer
 from drift.tracker import experiment as tracked
+from drift.tracker.study import Scene
 from geo.errors import UserError
 from kernels import runtime
 
@@ -41,6 +42,8 @@ def experiment(
                 "--with and --figure are for cases of drift run; a tracking case has [[method]] and [experiment]"
             )
         asked = tracking.load(name, changes | ({} if runs is None else {"experiment.runs": str(runs)}))
+        if not isinstance(asked.target, Scene):
+            raise UserError(f'"{name}" has detections, no [target] to be compared with: drift track {name}')
         runtime.start(backend, threads)
         with runtime.alone():
             outcome = tracked.run(asked, partial(tell, "following"))

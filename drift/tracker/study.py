@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drift.tracker import following, sweeps
+from drift.tracker.detections import Detections
 from drift.tracker.following import World
 from drift.tracker.path import Path
 from drift.tracker.records import Behaviour, Plan, Sensor, Tracker
@@ -44,12 +45,13 @@ class Study:
     seed: int
     runs: int
     tracker: Path
-    target: Scene
+    target: Scene | Detections  # as it is, or what was detected of it
     sensors: tuple[Sensor, ...]
     methods: tuple[Tracker, ...]  # ways of following
     window: tuple[float, float] = (0.0, np.inf)  # [s] over which figures are averaged
     criteria: Criteria | None = None
     areas: tuple[float, ...] = ()  # shares of the probability whose areas are asked whether they hold the target
+    shown: tuple[float, ...] = ()  # [s] when the cloud is drawn and its areas are told
     published: dict[str, dict[str, float]] = field(default_factory=dict)  # by way of following and figure
 
 
@@ -60,26 +62,28 @@ def marks(study: Study) -> Array:
 
 def worlds(study: Study) -> tuple[list[World], list[Path]]:
     """Return the worlds of all runs, and the target's way in each; where it does not act, all are one."""
-    if study.target.acts is None:
-        ways = [study.target.way]
+    scene = study.target
+    assert isinstance(scene, Scene)
+    times = _times(study, scene)
+    if scene.acts is None:
+        ways = [scene.way]
     else:
-        moments = np.unique(np.concatenate([marks(study), *_times(study).values()]))
-        ways = following.wanders(study.target.way, study.target.acts, study.tracker, moments, study.runs, study.seed)
-    made = [_world(study, way) for way in ways]
+        moments = np.unique(np.concatenate([marks(study), *times]))
+        ways = following.wanders(scene.way, scene.acts, study.tracker, moments, study.runs, study.seed)
+    made = [_world(study, way, times) for way in ways]
     return (made, ways) if len(ways) == study.runs else (made * study.runs, ways * study.runs)
 
 
-def _times(study: Study) -> dict[str, Array]:
+def _times(study: Study, scene: Scene) -> list[Array]:
     """Return the times of each sensor's sweeps [s]."""
-    emissions = sweeps.emitted(study.target.radiates, study.target.interval, study.end)
-    return {sensor.name: sweeps.times(sensor, study.end, emissions) for sensor in study.sensors}
+    emissions = sweeps.emitted(scene.radiates, scene.interval, study.end)
+    return [sweeps.times(sensor, study.end, emissions) for sensor in study.sensors]
 
 
-def _world(study: Study, target: Path) -> World:
-    times = _times(study)
+def _world(study: Study, target: Path, times: list[Array]) -> World:
     parts = [
-        sweeps.of_sensor(sensor, times[sensor.name], study.tracker, target.at(times[sensor.name])[0])
-        for sensor in study.sensors
+        sweeps.of_sensor(sensor, moments, study.tracker, target.at(moments)[0])
+        for sensor, moments in zip(study.sensors, times, strict=True)
     ]
     told = study.criteria is not None
     return World(study.tracker, sweeps.ordered([*parts, sweeps.marks(marks(study), target)], told))

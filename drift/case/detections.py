@@ -1,0 +1,164 @@
+"""What was detected of a target that is rarely seen, from a CSV file, and where its tracker was, from it or a GPX file."""
+
+import csv
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import BeforeValidator, ValidationError
+
+from drift.case import fields, gpx, messages, sources, units
+from drift.case.mistakes import Mistakes
+from drift.tracker import path
+from drift.tracker.detections import Detections
+from drift.tracker.records import Sensor
+from geo import notation, sphere
+from geo.array import Array
+from geo.errors import UserError
+from geo.files import small
+from geo.notation import NMI
+
+FASTEST = 150.0  # [m/s] of a tracker
+LARGEST = 10_000_000  # [bytes]
+NEEDED = ("time", "sensor")
+ALLOWED = (*NEEDED, "bearing", "range", "lat", "lon")
+
+
+def _range(value: object) -> float:
+    """Return a range [m]; a bare number is nautical miles, as a plot has them."""
+    return units.quantity(f"{value!r} nmi" if isinstance(value, float) else value, "m", "range", "12 nmi")
+
+
+def _cell(text: str) -> str | float:
+    """Return a cell of the file, as a number where it is one."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+class RowTable(fields.Table):
+    """A line: a detection, or where no sensor stands the tracker's place alone."""
+
+    time: fields.Time
+    """Date and time, or the time after the start."""
+    sensor: str = ""
+    """By whom."""
+    bearing: fields.Direction | None = None
+    """True; nothing is told of it by default."""
+    range: Annotated[float, BeforeValidator(_range)] | None = None
+    """Nothing is told of it by default."""
+    lat: fields.Latitude | None = None
+    """Of the tracker."""
+    lon: fields.Longitude | None = None
+    """Of the tracker."""
+
+
+def read(
+    file: str, folder: Path, start: np.datetime64, end: float, sensors: tuple[Sensor, ...]
+) -> tuple[Detections, path.Path | None]:
+    """Return what was detected, and where the tracker was if the file says so.
+
+    start, end [s after it]: of the case. Raises UserError with a line for each mistake.
+    """
+    name = sources.one_file(file, folder, "detections")
+    label = f"detections: {Path(name).name}"
+    text = small.contents(Path(name), LARGEST).decode("utf-8-sig", errors="replace")
+    reader = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    columns = [str(column).strip().lower() for column in reader.fieldnames or ()]
+    missing, strange = [c for c in NEEDED if c not in columns], [c for c in columns if c not in ALLOWED]
+    if missing or strange or ("lat" in columns) != ("lon" in columns):
+        what = f"no column {', '.join(missing)}" if missing else f"unknown column {', '.join(strange)}"
+        what = what if missing or strange else "lat and lon go together"
+        raise UserError(f"{label}: {what}; allowed are {', '.join(ALLOWED)}, the first two are needed")
+    reader.fieldnames = columns
+    wrong, rows = Mistakes(), []
+    names = [sensor.name for sensor in sensors]
+    before = -np.inf
+    for given in reader:
+        with wrong.gathered(f"{label}, line {reader.line_num}"):
+            if None in given or None in given.values():
+                raise ValueError("as many values as names are needed")
+            filled = {key: value.strip() for key, value in given.items() if value.strip()}
+            cells = {key: _cell(value) if key not in NEEDED else value for key, value in filled.items()}
+            try:
+                row = RowTable.model_validate(cells)
+            except ValidationError as error:
+                raise UserError(*messages.lines(error, cells)) from None
+            time = _after(row.time, start)
+            if not 0 <= time <= end:
+                raise ValueError(f"time {filled['time']} is not within the case: change start or duration")
+            if time < before:
+                raise ValueError(f"time {filled['time']} is before that of the line above; put them in order of time")
+            before = time
+            if row.sensor:
+                _check(row, names, sensors)
+            elif row.lat is None:
+                raise ValueError("neither a sensor nor lat and lon")
+            if (row.lat is None) != (row.lon is None):
+                raise ValueError("lat and lon go together")
+            rows.append((time, row))
+    wrong.refuse()
+    seen = [(time, row) for time, row in rows if row.sensor]
+    if not seen:
+        raise UserError(f"{label}: no detection; a track begins with one")
+    columns_of = ("bearing", "range")
+    bearing, distance = (
+        np.array([np.nan if (value := getattr(row, key)) is None else value for _, row in seen], np.float64)
+        for key in columns_of
+    )
+    found = Detections(
+        np.array([time for time, _ in seen]),
+        np.array([names.index(row.sensor) for _, row in seen]),
+        np.radians(bearing),
+        distance,
+    )
+    if "lat" not in columns:
+        return found, None
+    placed = np.array([(time, row.lon, row.lat) for time, row in rows if row.lat is not None], np.float64)
+    if not len(placed) or placed[0, 0] > found.time[0]:
+        raise UserError(f"{label}: nobody says where the tracker was at the first detection; give lat and lon there")
+    return found, _way(placed[:, 0], placed[:, 1], placed[:, 2], label)
+
+
+def _check(row: RowTable, names: list[str], sensors: tuple[Sensor, ...]) -> None:
+    if row.sensor not in names:
+        raise ValueError(f'no [[sensor]] "{row.sensor}"; there are {", ".join(names)}')
+    sensor = sensors[names.index(row.sensor)]
+    if row.range is not None and not 0 <= row.range * (1 - sensor.range_share) <= sensor.reach:
+        raise ValueError(
+            f"range {row.range / NMI:g} nmi is beyond the reach of {sensor.name}, {sensor.reach / NMI:g} nmi"
+        )
+
+
+def tracked(file: str, folder: Path, start: np.datetime64, end: float) -> path.Path:
+    """Return where a tracker was by a GPX file, from the start on to an end [s after it]. Raises UserError, one line."""
+    name = sources.one_file(file, folder, "track")
+    points = gpx.read(name)
+    if not points.time:
+        raise ValueError(f'"{Path(name).name}" has points without times; a tracker needs them')
+    time = np.array(points.time) - notation.epoch(start)
+    if time[0] > end or time[-1] < 0:
+        raise ValueError(f'"{Path(name).name}" is not of the time of this case')
+    return _way(time, np.array(points.lon), np.array(points.lat), f'"{Path(name).name}"')
+
+
+def _way(time: Array, lon: Array, lat: Array, label: str) -> path.Path:
+    """Return the way through places [deg], of those of one time the last."""
+    last = np.append(np.diff(time) > 0, True)
+    time, lon, lat = time[last], np.radians(lon[last]), np.radians(lat[last])
+    if len(time) == 1:
+        return path.standing(float(lon[0]), float(lat[0]), float(time[0]), float(time[0]) + 1.0)
+    way = path.through(time, lon, lat)
+    k = int(way.rate.argmax())
+    if way.rate[k] * sphere.RADIUS > FASTEST:
+        raise UserError(
+            f"{label}: the tracker would be faster than {FASTEST:g} m/s, {time[k]:g} to {time[k + 1]:g} s after the start"
+        )
+    return way
+
+
+def _after(time: units.Instant, start: np.datetime64) -> float:
+    """Return the seconds from the start to a time."""
+    gap = time if isinstance(time, np.timedelta64) else time - start
+    return float(gap / np.timedelta64(1, "ms")) / 1000

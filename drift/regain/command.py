@@ -1,0 +1,73 @@
+"""A contact that was lost, from its detections to the files: `drift track` and `drift.track`."""
+
+import os
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+
+from drift import version
+from drift.case import tracking
+from drift.environment import coastline
+from drift.environment.environment_spec import Coast
+from drift.maps.imprint import Imprint
+from drift.output import formats, writer
+from drift.regain import chapter
+from drift.regain.record import Regained
+from drift.tracker import density, holding
+from drift.tracker.detections import Detections
+from geo.errors import UserError
+from kernels import runtime
+
+SHARES = (0.5, 0.9)  # of the probability, of the areas told
+
+
+def track(
+    name: str | os.PathLike[str], out: str | os.PathLike[str] | None = None, *,
+    changes: Mapping[str, str] | None = None, backend: str = "cpu", threads: int | None = None, overwrite: bool = False,
+    tell: Callable[[str, float], None] = lambda phase, share: None,
+) -> Regained:  # fmt: skip
+    """Return the track of a target by the detections there are, and its areas.
+
+    name: of a tracking case with `detections`, or its file. out: a folder for the track, its areas and a picture, all or
+    none. changes: as --set has them. tell: takes what is being done, and the share of it that is done. Raises UserError
+    for all that the user can mend.
+    """
+    folder = None if out is None else Path(out)
+    if folder is not None:
+        writer.check_folder(folder, overwrite, (*chapter.FILES, *chapter.PICTURES))
+    asked = tracking.load(name, changes)
+    if not isinstance(asked.target, Detections):
+        raise UserError(
+            f'"{asked.name}" has a [target], no detections: drift experiment {asked.name}, or give detections = "file.csv"'
+        )
+    runtime.start(backend, threads)
+    with runtime.alone():
+        held = holding.hold(asked, partial(tell, "following"))
+    tell("areas", 0.0)
+    areas = tuple(
+        (time, {} if cloud is None else density.areas(density.surface(cloud.place, cloud.weight), SHARES))
+        for time, cloud in held.clouds
+    )
+    found = Regained(held, areas)
+    if folder is not None:
+        tell("writing", 0.0)
+        _write(found, folder, backend, overwrite)
+    return found
+
+
+def _write(found: Regained, out: Path, backend: str, overwrite: bool) -> None:
+    asked = found.held.study
+    told = {
+        "title": asked.title,
+        "source": f"casp-drift {version.__version__}",
+        "versions": version.told(),
+        "seed": str(asked.seed),
+        "case": asked.text,
+        "backend": backend,
+    }
+    about = "A heuristic, no Bayes: take areas as rough (docs/tracking.md)."
+    imprint = Imprint(
+        asked.title, f"{told['source']}, seed {asked.seed}. {about}", {**told, "run_id": formats.run_id(told)}
+    )
+    land = coastline.lands(None, Coast("gshhg", "strand"))
+    writer.write(out, [chapter.chapter(chapter.Matter(found, imprint, land), told)], overwrite=overwrite)

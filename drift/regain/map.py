@@ -1,0 +1,157 @@
+"""The picture of a contact that was lost: what was detected, its track, and its cloud with areas at the times shown."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+
+from drift.maps import chart, page, sheet
+from drift.maps.chart import GREY, INK, RED, Frame
+from drift.maps.imprint import Imprint
+from drift.maps.sheet import Row, Sheet
+from drift.regain import text
+from drift.regain.record import Regained
+from drift.tracker import path as paths
+from drift.tracker.detections import Detections
+from geo import notation, sphere
+from geo.array import Array
+from geo.box import Box
+
+WIDTH, HEIGHT = 11.7, 9.6  # [in]
+MAP = (0.05, 0.06, 0.655, 0.845)
+KEY = 0.725  # left edge of the key
+DOTS = 1500  # drawn of a cloud
+RAY = 24  # points along a bearing
+
+
+def draw(found: Regained, path: Path, imprint: Imprint, land: Callable[[Box], Iterable[Any]]) -> None:
+    """Draw a track with its cloud at the times shown into a PNG; land: returns its polygons [deg] in a box."""
+    on = sheet.begin(
+        Sheet(
+            WIDTH, HEIGHT, 130, left=MAP[0], title=sheet.heading(1 - 0.4 / HEIGHT, 15, 95),
+            lines=(Row(1 - 0.68 / HEIGHT, 10, 150),), footer=sheet.small(0.1 / HEIGHT, 7.5, 190),
+        )
+    )  # fmt: skip
+    study = found.held.study
+    sheet.head(
+        on, imprint, f"{study.methods[0].name}: {study.size:,} particles, {len(found.held.sweeps):,} sweeps and times"
+    )
+    axes = on.figure.add_axes(MAP)
+    frame = _frame(found)
+    chart.prepare(axes, frame)
+    chart.draw_land(axes, chart.land_path(frame, land(frame.box()), 1100))
+    chart.graticule(axes, frame)
+    key = [*_tracker(axes, frame, found), *_detections(axes, frame, found), *_clouds(axes, frame, found)]
+    key += _estimate(axes, frame, found)
+    chart.scale_bar(axes, frame, chart.free_corner(frame, *_dots(frame, found)))
+    sheet.legend(
+        on.figure, key, loc="upper left", bbox_to_anchor=(KEY - 0.01, MAP[1] + MAP[3] + 0.01), fontsize=8.5,
+        handlelength=2.2, labelspacing=0.7,
+    )  # fmt: skip
+    with page.literal():
+        sheet.end(on, path, imprint)
+
+
+def _places(found: Regained) -> tuple[Array, Array]:
+    """Return all positions [deg] that the chart has to show."""
+    held = found.held
+    parts = [held.place[np.isfinite(held.place[:, 0])], _own(found)[0]]
+    parts += [cloud.place for _, cloud in held.clouds if cloud is not None]
+    lon, lat = paths.degrees(np.concatenate(parts))
+    return sphere.near_degrees(lon, lon[0]), lat
+
+
+def _own(found: Regained) -> tuple[Array, Array]:
+    """Return places and times [s] of the tracker while it is known."""
+    way = found.held.study.tracker
+    time = np.linspace(max(way.time[0], 0.0), min(way.time[-1], found.held.study.end), 200)
+    return way.at(time)[0], time
+
+
+def _frame(found: Regained) -> Frame:
+    return chart.frame(*_places(found), MAP[2] * WIDTH / (MAP[3] * HEIGHT), margin=0.05)
+
+
+def _project(frame: Frame, place: Array) -> tuple[Array, Array]:
+    return frame.project(*paths.degrees(place))
+
+
+def _dots(frame: Frame, found: Regained) -> tuple[Array, Array]:
+    return frame.project(*_places(found))
+
+
+def _tracker(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
+    place, _ = _own(found)
+    (line,) = axes.plot(*_project(frame, place), color="#0b4f8a", linewidth=1.4, zorder=7)
+    (end,) = axes.plot(*_project(frame, place[-1:]), "o", color="#0b4f8a", markersize=6, zorder=9)
+    return [((line, end), "tracker, and where it was last known to be")]
+
+
+def _detections(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
+    """Draw a ray to each detection, as long as its range, or as far as the sensor reaches."""
+    seen, study = found.held.study.target, found.held.study
+    assert isinstance(seen, Detections)
+    symbols = []
+    styles = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 2, 1.5, 2)))
+    for number, sensor in enumerate(study.sensors):
+        line = None
+        for k in np.flatnonzero((seen.sensor == number) & ~np.isnan(seen.bearing)):
+            lon, lat = np.radians(paths.degrees(study.tracker.at([seen.time[k]])[0]))
+            whole = sensor.reach if np.isnan(seen.range[k]) else seen.range[k]
+            far = whole * np.linspace(0, 1, RAY)
+            to = sphere.destination(lon, lat, np.sin(seen.bearing[k]) * far, np.cos(seen.bearing[k]) * far)
+            x, y = frame.project(*np.degrees(to))
+            (line,) = axes.plot(
+                x,
+                y,
+                color=GREY,
+                linewidth=0.9,
+                linestyle=styles[number % len(styles)],
+                zorder=6,
+                scalex=False,
+                scaley=False,
+            )
+            if not np.isnan(seen.range[k]):
+                axes.plot(x[-1:], y[-1:], "+", color=INK, markersize=7, zorder=9)
+        if line is not None:
+            symbols.append((line, f"detection by {sensor.name}"))
+    return symbols
+
+
+def _clouds(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
+    """Draw the cloud at each time shown, later ones warmer, with the outlines of its areas."""
+    symbols = []
+    colours = matplotlib.colormaps["viridis_r"](np.linspace(0.12, 0.95, len(found.held.clouds)))
+    for (time, cloud), (_, regions), colour in zip(found.held.clouds, found.areas, colours, strict=True):
+        when = notation.group(text.moment(found, time))
+        if cloud is None:
+            symbols.append((axes.plot([], [])[0], f"{when}: no track is held"))
+            continue
+        # Dots are as many as the weight they stand for.
+        rows = np.searchsorted(np.cumsum(cloud.weight), (np.arange(DOTS) + 0.5) / DOTS).clip(max=len(cloud.weight) - 1)
+        axes.plot(
+            *_project(frame, cloud.place[rows]), ".", color=colour, markersize=3.2, alpha=0.6, zorder=3,
+            markeredgewidth=0,
+        )  # fmt: skip
+        for share, region in regions.items():
+            for ring in shapely.get_rings(shapely.get_parts(region.outline)):
+                lonlat = np.array(ring.coords)
+                axes.plot(
+                    *frame.project(lonlat[:, 0], lonlat[:, 1]), color=colour, zorder=4,
+                    linewidth=1.6 if share < 0.7 else 0.9,
+                )  # fmt: skip
+        (sign,) = axes.plot([], [], "o", color=colour, markersize=7)
+        symbols.append((sign, f"{when}: area of\n{text.sizes(regions)}"))
+    return symbols
+
+
+def _estimate(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
+    held = found.held
+    (line,) = axes.plot(*_project(frame, held.place), color=RED, linewidth=1.6, zorder=8)
+    shown = [int(np.flatnonzero(held.time == time)[-1]) for time, cloud in held.clouds if cloud is not None]
+    (spot,) = axes.plot(*_project(frame, held.place[shown]), "o", color=RED, markersize=5, zorder=9)
+    return [((line, spot), "estimated track, and where it is at those times")]

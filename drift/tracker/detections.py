@@ -1,0 +1,69 @@
+"""What a tracker's sensors told, of which only detections were written down: their boxes, and when silence counts."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drift.tracker import sweeps
+from drift.tracker.path import Path
+from drift.tracker.records import Sensor
+from drift.tracker.sweeps import Sweeps
+from geo import sphere
+from geo.array import Array
+from kernels.clouds import DETECTED, SILENT
+
+
+@dataclass(frozen=True)
+class Detections:
+    """What was detected, in order of time, each (n,)."""
+
+    time: Array  # [s]
+    sensor: Array  # number of the sensor
+    bearing: Array  # [rad]; NaN: nothing is told of it
+    range: Array  # [m]; NaN: nothing is told of it
+
+
+def swept(sensors: tuple[Sensor, ...], found: Detections, tracker: Path, end: float) -> list[Sweeps]:
+    """Return what each sensor's sweeps came to until an end [s].
+
+    A detection's box is the measured range less and more the sensor's share of it, at most its reach. Silence counts while
+    the sensor is on and the tracker's place is known, and no nearer than `grace` to a detection by the same sensor.
+    """
+    parts = []
+    for number, sensor in enumerate(sensors):
+        mine = found.sensor == number
+        parts.append(_detected(sensor, found.time[mine], found.bearing[mine], found.range[mine], tracker))
+        if not sensor.hears:
+            parts.append(_silent(sensor, found.time[mine], tracker, end))
+    return parts
+
+
+def _detected(sensor: Sensor, time: Array, bearing: Array, measured: Array, tracker: Path) -> Sweeps:
+    reach = sensor.reach / sphere.RADIUS
+    distance = measured / sphere.RADIUS
+    return Sweeps(
+        time, tracker.at(time)[0], np.nan_to_num(bearing),
+        np.where(np.isnan(bearing), np.pi, sensor.bearing_error),
+        np.nan_to_num(distance * (1 - sensor.range_share)),
+        np.fmin(distance * (1 + sensor.range_share), reach),
+        np.full(len(time), DETECTED, np.int32), np.full(len(time), -1, np.int32),
+    )  # fmt: skip
+
+
+def _silent(sensor: Sensor, detected: Array, tracker: Path, end: float) -> Sweeps:
+    time = sensor.on.sweeps(sensor.interval, end)
+    time = time[(time >= tracker.time[0]) & (time <= tracker.time[-1])]
+    known = np.concatenate([[-np.inf], detected, [np.inf]])
+    after = np.searchsorted(known, time, side="right")
+    time = time[np.minimum(time - known[after - 1], known[after] - time) >= sensor.grace]
+    zero, n = np.zeros(len(time)), len(time)
+    return Sweeps(
+        time, tracker.at(time)[0], zero, zero + np.pi, zero, zero + sensor.reach / sphere.RADIUS,
+        np.full(n, SILENT, np.int32), np.full(n, -1, np.int32),
+    )  # fmt: skip
+
+
+def ordered(sensors: tuple[Sensor, ...], found: Detections, tracker: Path, moments: Array, end: float) -> Sweeps:
+    """Return all sweeps in order of time, with marks at times [s] (n,) and every detection told."""
+    marks = sweeps.marks(moments, tracker)
+    return sweeps.ordered([*swept(sensors, found, tracker, end), marks], every_detection=True)

@@ -1,0 +1,118 @@
+"""Detections of a user's own: every mistake is a line that says what is wrong, what was given and what is allowed."""
+
+from pathlib import Path as File
+
+import numpy as np
+import pytest
+
+from drift.case import tracking
+from drift.tracker import path
+from drift.tracker.detections import Detections
+from geo.errors import UserError
+
+CASE = """
+title = "t"
+start = "2026-03-05T00:00Z"
+duration = "1 h"
+detections = "d.csv"
+[[sensor]]
+name = "radar"
+reach = "18 nmi"
+range_ambiguity = 0.1
+bearing_ambiguity = 1.5
+[[sensor]]
+name = "ears"
+reach = "60 nmi"
+range_ambiguity = 0.8
+bearing_ambiguity = 5
+hears = true
+[[method]]
+name = "m"
+fastest = "32 kn"
+"""
+ROWS = """time, sensor, bearing, range, lat, lon
+2026-03-05T00:01Z, radar, 41.5, 9.2, 14 00.0N, 077 00.0W
++10 min, ears, 350, , 14 03.1N, 076 58.0W
++0.5 h,,,,14 06N,-76.93
+2026-03-05T00:40:30Z, radar, , 7 km, 14.15, -76.9
+"""
+PLAIN = "time,sensor,bearing,range\n+1 min,radar,41.5,9.2\n+9 min,radar,43,9.6\n"
+STANDS = '[tracker]\nat = "14N 077W"\n'
+
+
+def load(folder: File, case: str = CASE, rows: str = ROWS) -> tracking.Study:
+    (folder / "c.toml").write_text(case, encoding="utf-8")
+    (folder / "d.csv").write_text(rows, encoding="utf-8")
+    return tracking.load(folder / "c.toml")
+
+
+def test_detections_are_read_in_their_units(tmp_path: File) -> None:
+    asked = load(tmp_path, rows=ROWS)
+    found = asked.target
+    assert isinstance(found, Detections)
+    np.testing.assert_allclose(found.time, [60, 600, 2430])
+    np.testing.assert_array_equal(found.sensor, [0, 1, 0])
+    np.testing.assert_allclose(np.degrees(found.bearing), [41.5, 350, np.nan])
+    np.testing.assert_allclose(found.range, [9.2 * 1852, np.nan, 7000])
+    np.testing.assert_allclose(asked.tracker.time, [60, 600, 1800, 2430])
+    lon, lat = path.degrees(asked.tracker.place)
+    np.testing.assert_allclose(lon, [-77, -76 - 58 / 60, -76.93, -76.9])
+    np.testing.assert_allclose(lat, [14, 14 + 3.1 / 60, 14.1, 14.15])
+
+
+def test_a_tracker_stays_where_its_legs_end(tmp_path: File) -> None:
+    legs = 'legs = [{ course = 90, speed = "12 kn", lasting = "10 min" }]\n'
+    asked = load(tmp_path, CASE + STANDS + legs, PLAIN)
+    there = asked.tracker.at([600.0, 3600.0])[0]
+    np.testing.assert_array_equal(there[0], there[1])
+    assert asked.tracker.time[-1] == 3600
+    assert load(tmp_path, CASE + STANDS, PLAIN).tracker.time[-1] == 3600
+
+
+def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
+    points = "".join(
+        f'<trkpt lat="{14 + k / 100}" lon="-77.0"><time>2026-03-05T00:{10 * k:02d}:00Z</time></trkpt>' for k in range(4)
+    )
+    gpx = f'<gpx xmlns="http://www.topografix.com/GPX/1/1" version="1.1" creator="x"><trk><trkseg>{points}</trkseg></trk></gpx>'
+    (tmp_path / "own.gpx").write_text(gpx, encoding="utf-8")
+    way = load(tmp_path, CASE + '[tracker]\ntrack = "own.gpx"\n', PLAIN).tracker
+    np.testing.assert_allclose(way.time, [0, 600, 1200, 1800])
+    np.testing.assert_allclose(path.degrees(way.at([900.0])[0])[1], 14.015)
+    (tmp_path / "own.gpx").write_text(
+        gpx.replace("<time>2026-03-05T00:", "<!--").replace("Z</time>", "-->"), encoding="utf-8"
+    )
+    with pytest.raises(UserError, match=r"tracker.*without times"):
+        load(tmp_path, CASE + '[tracker]\ntrack = "own.gpx"\n', PLAIN)
+
+
+@pytest.mark.parametrize(
+    ("case", "rows", "words"),
+    [
+        (CASE + STANDS, PLAIN.replace("+9", "+0.5"), "line 3: time +0.5 min is before that of the line above; put them in order"),
+        (CASE, PLAIN, "tracker: nobody says where it is; give at with legs, track (a GPX file), or lat and lon"),
+        (CASE + STANDS, PLAIN.replace("43,9.6", "43,9.6,1"), "line 3: as many values as names are needed"),
+        (CASE + STANDS, PLAIN.replace("radar,43", "sonar,43"), 'line 3: no [[sensor]] "sonar"; there are radar, ears'),
+        (CASE + STANDS, PLAIN.replace("9.6", "25"), "line 3: range 25 nmi is beyond the reach of radar, 18 nmi"),
+        (CASE + STANDS, PLAIN.replace("43,", "430,"), "line 3: bearing: "),
+        (CASE + STANDS, PLAIN.replace("+9", "+99"), "line 3: time +99 min is not within the case: change start or duration"),
+        (CASE + STANDS, PLAIN.replace("bearing", "course"), "unknown column course; allowed are time, sensor, bearing, range, lat, lon"),
+        (CASE + STANDS, PLAIN.replace("time,sensor", "when,sensor"), "no column time"),
+        (CASE + STANDS, "time,sensor,bearing,range\n", "no detection; a track begins with one"),
+        (CASE + STANDS, "", "no column time, sensor"),
+        (CASE + STANDS, PLAIN.replace("9.6", "far"), "line 3: range: "),
+        (CASE, ROWS.replace("14 00.0N, 077 00.0W", ","), "nobody says where the tracker was at the first"),
+        (CASE, ROWS.replace("14 03.1N", "17 03.1N"), "the tracker would be faster than 150 m/s"),
+        (CASE, ROWS.replace("-76.93", ""), "line 4: lat and lon go together"),
+        (CASE + STANDS, ROWS, "the file of detections says where it was (lat, lon); leave at"),
+        (CASE.replace('detections = "d.csv"', 'detections = "e.csv"') + STANDS, PLAIN, "detections: "),
+        (CASE + STANDS + '[target]\nat = "14N 077W"\n', PLAIN, "[target] and detections are both given; give one"),
+        (CASE.replace('detections = "d.csv"', "") + STANDS, PLAIN, "[target] is missing: give it, or detections"),
+        (CASE.replace("[[sensor]]", 'show = ["2 h"]\n[[sensor]]', 1) + STANDS, PLAIN, "show: 7200 s is longer than the case"),
+        (CASE + '[tracker]\nlegs = [{ course = 1, speed = "1 kn" }]\n', PLAIN, "tracker: at: is missing; legs begin there"),
+    ],
+)  # fmt: skip
+def test_every_mistake_is_a_line(tmp_path: File, case: str, rows: str, words: str) -> None:
+    with pytest.raises(UserError) as refusal:
+        load(tmp_path, case, rows)
+    assert any(words in line for line in refusal.value.lines), refusal.value.lines
+    assert all("\n" not in line for line in refusal.value.lines)
