@@ -130,6 +130,7 @@ class Purpose(enum.IntEnum):
     BACKWARD_PRIOR = 13  # releases from which the prior's map is made
     DEBRIS_COAST = 14  # of a class of debris at the coast: walks near it, landings, waits; number: of the class, from 1
     TARGET = 15  # the way of a target that acts, which is followed
+    PURSUIT = 16  # the cloud by which a path is judged that was planned on another
 
 
 def seed_for(seed: int, purpose: Purpose, number: int = 0) -> int:

@@ -94,7 +94,7 @@ WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapt
     "docs/targets.md": {*reach_chapter.FILES, *reach_chapter.PICTURES},
     "docs/tracking.md": {
         *experiments_chapter.FILES, *experiments_chapter.TRACKING, *experiments_chapter.PICTURES, *regain_chapter.FILES,
-        *regain_chapter.PICTURES,
+        *regain_chapter.PATHS, *regain_chapter.PICTURES,
     },
     "docs/fetch.md": {fetching.TABLES, "manifest.json"},
     "docs/verify.md": {*drifters_chapter.FILES, *drifters_chapter.PICTURES},

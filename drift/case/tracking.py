@@ -18,11 +18,13 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from drift.case import detections, fields, messages, mistakes, units
 from drift.case import file as case_file
 from drift.case.mistakes import Mistakes
-from drift.tracker import path
+from drift.tracker import path, pursuit
 from drift.tracker.detections import Detections
 from drift.tracker.path import Leg
+from drift.tracker.pursuit import Pursuit
 from drift.tracker.records import Behaviour, Filling, Plan, Sensor, Tracker
 from drift.tracker.study import Criteria, Scene, Study
+from geo.array import Array
 from geo.errors import UserError
 from geo.files import small
 
@@ -275,6 +277,51 @@ class ExperimentTable(fields.Table):
     """Figures to set beside, by way of following and figure."""
 
 
+class PursuitTable(fields.Table):
+    """A path through the cloud, for the tracker or another vessel."""
+
+    aim: Literal["meet", "avoid"] = "meet"
+    """To meet the target, or to keep out of its way."""
+    speed: fields.ShipSpeed
+    """Of the vessel."""
+    reach: fields.Width
+    """Within which it sees the target, or is seen."""
+    begin: Elapsed | None = None
+    """After the start; by default the last detection. From then on its own looks count, and no sensor's silence."""
+    lasting: fields.Duration | None = None
+    """How long; until the end of the case by default."""
+    step: fields.Duration = 600.0
+    """Between its looks all round."""
+    at: fields.Position | None = None
+    """Where it begins; where the tracker then is by default."""
+    to: fields.Position | None = None
+    """Where one goes that avoids."""
+    worth: fields.Duration = 3600.0
+    """Of one that avoids: how much longer it would go to meet the target once less, as expected."""
+    replan: fields.Share = 0.8
+    """It is planned anew when seeing nothing since the last plan was less likely than this (Klaas' trigger)."""
+
+    def pursuit(self, seen: Array, tracker: path.Path, end: float) -> Pursuit:
+        """Return the record; seen: times of detections [s]. Raises ValueError for what does not fit."""
+        begin = float(seen[-1]) if self.begin is None else self.begin
+        lasting = end - begin if self.lasting is None else self.lasting
+        if begin < seen[-1]:
+            raise ValueError(f"begin {begin:g} s is before the last detection, {seen[-1]:g} s")
+        if begin + lasting > end + 1e-6:
+            raise ValueError(f"it would last until {begin + lasting:g} s, the case lasts {end:g} s")
+        if self.at is None and not tracker.time[0] <= begin <= tracker.time[-1]:
+            raise ValueError(f"nobody says where the tracker is at {begin:g} s; give at, or another begin")
+        start = np.radians(self.at) if self.at is not None else np.radians(path.degrees(tracker.at([begin])[0][0]))
+        to = None if self.to is None else (float(np.radians(self.to[0])), float(np.radians(self.to[1])))
+        steps = int(lasting / self.step + 1e-9)
+        found = Pursuit(
+            self.aim, (float(start[0]), float(start[1])), self.speed, self.reach, begin, self.step, steps, to, self.worth,
+            self.replan,
+        )  # fmt: skip
+        pursuit.check(found)
+        return found
+
+
 class TrackingTable(fields.Table):
     """The whole file."""
 
@@ -302,6 +349,8 @@ class TrackingTable(fields.Table):
     """Its sensors."""
     method: Annotated[list[MethodTable], Field(min_length=1)]
     """Ways of following, the first of which is the case's own."""
+    pursuit: PursuitTable | None = None
+    """Of detections: a path on which to meet the target, or to avoid it."""
     experiment: ExperimentTable = ExperimentTable()
     """Many runs."""
 
@@ -417,6 +466,13 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
     wrong.refuse()
     assert tracker is not None
     assert followed is not None
+    chase: Pursuit | None = None
+    if table.pursuit is not None:
+        with wrong.gathered("pursuit"):
+            if not isinstance(followed, Detections):
+                raise ValueError("is of detections; a [target] is followed in experiments")
+            chase = table.pursuit.pursuit(followed.time, tracker, table.duration)
+    wrong.refuse()
     criteria = table.experiment.criteria
     return Study(
         name, text, table.title, start, table.duration, table.every, table.particles, table.seed,
@@ -424,7 +480,7 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
         tuple(method.tracker() for method in table.method),
         table.experiment.window or (0.0, math.inf),
         None if criteria is None else Criteria(criteria.position, math.radians(criteria.course), criteria.speed),
-        table.experiment.areas, tuple(sorted(table.show)), table.experiment.published,
+        table.experiment.areas, tuple(sorted(table.show)), chase, table.experiment.published,
     )  # fmt: skip
 
 

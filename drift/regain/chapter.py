@@ -31,10 +31,15 @@ FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
     "track.gpx": lambda matter, stamped: text.gpx(matter.found, stamped["run_id"]),
     "track_areas.geojson": lambda matter, stamped: text.areas(matter.found, stamped),
 }
+PATHS: dict[str, Callable[[Matter, Stamped], Contents]] = {  # where a case asks for a pursuit
+    "path.csv": lambda matter, stamped: text.path_table(matter.found),
+    "path.gpx": lambda matter, stamped: text.path_gpx(matter.found, stamped["run_id"]),
+}
 PICTURES: dict[str, Callable[[Matter, Path], None]] = {"track.png": _map}
 
 
 def chapter(matter: Matter, attributes: dict[str, str]) -> Chapter:
     """Return the chapter of a contact that was lost."""
     numbers = {"track": text.numbers(matter.found)}
-    return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), facts=attributes)
+    files = {**FILES, **(PATHS if matter.found.chased is not None else {})}
+    return Chapter(numbers, bound(files, matter), bound(PICTURES, matter), facts=attributes)

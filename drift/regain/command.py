@@ -4,6 +4,10 @@ import os
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
 
 from drift import version
 from drift.case import tracking
@@ -12,11 +16,15 @@ from drift.environment.environment_spec import Coast
 from drift.maps.imprint import Imprint
 from drift.output import formats, writer
 from drift.regain import chapter
-from drift.regain.record import Regained
-from drift.tracker import density, holding
+from drift.regain.record import Chased, Regained
+from drift.tracker import density, holding, pursuit
 from drift.tracker.detections import Detections
+from drift.tracker.study import Study
+from geo import sphere
+from geo.array import Array
+from geo.box import Box
 from geo.errors import UserError
-from kernels import runtime
+from kernels import noise, runtime
 
 SHARES = (0.5, 0.9)  # of the probability, of the areas told
 
@@ -34,28 +42,54 @@ def track(
     """
     folder = None if out is None else Path(out)
     if folder is not None:
-        writer.check_folder(folder, overwrite, (*chapter.FILES, *chapter.PICTURES))
+        writer.check_folder(folder, overwrite, (*chapter.FILES, *chapter.PATHS, *chapter.PICTURES))
     asked = tracking.load(name, changes)
     if not isinstance(asked.target, Detections):
         raise UserError(
             f'"{asked.name}" has a [target], no detections: drift experiment {asked.name}, or give detections = "file.csv"'
         )
+    land = coastline.lands(None, Coast("gshhg", "strand"))
     runtime.start(backend, threads)
     with runtime.alone():
         held = holding.hold(asked, partial(tell, "following"))
+        chased = _chased(asked, land, tell)
     tell("areas", 0.0)
     areas = tuple(
         (time, {} if cloud is None else density.areas(density.surface(cloud.place, cloud.weight), SHARES))
         for time, cloud in held.clouds
     )
-    found = Regained(held, areas)
+    found = Regained(held, areas, chased)
     if folder is not None:
         tell("writing", 0.0)
-        _write(found, folder, backend, overwrite)
+        _write(found, folder, backend, overwrite, land)
     return found
 
 
-def _write(found: Regained, out: Path, backend: str, overwrite: bool) -> None:
+def _chased(asked: Study, land: Callable[[Box], Any], tell: Callable[[str, float], None]) -> Chased | None:
+    """Return the path that a case asks for; raise UserError where there is none."""
+    chase = asked.pursuit
+    if chase is None:
+        return None
+    tell("path", 0.0)
+
+    def closed(lon: Array, lat: Array) -> Array:
+        lon = sphere.near_degrees(lon, float(np.degrees(chase.start[0])))
+        box = Box(float(lon.min()), float(lat.min()), float(lon.max()), float(lat.max()))
+        on_land = np.zeros(lon.shape, bool)
+        for polygon in land(box):
+            for turn in (-360.0, 0.0, 360.0):
+                on_land |= shapely.contains_xy(polygon, lon + turn, lat)
+        return on_land
+
+    try:
+        found = pursuit.pursue(chase, holding.onward(asked, asked.seed), closed)
+    except ValueError as error:
+        raise UserError(f"{asked.name}: pursuit: {error}") from None
+    other = holding.onward(asked, noise.seed_for(asked.seed, noise.Purpose.PURSUIT))
+    return Chased(found, pursuit.judged(chase, found.path, other))
+
+
+def _write(found: Regained, out: Path, backend: str, overwrite: bool, land: Callable[[Box], Any]) -> None:
     asked = found.held.study
     told = {
         "title": asked.title,
@@ -69,5 +103,4 @@ def _write(found: Regained, out: Path, backend: str, overwrite: bool) -> None:
     imprint = Imprint(
         asked.title, f"{told['source']}, seed {asked.seed}. {about}", {**told, "run_id": formats.run_id(told)}
     )
-    land = coastline.lands(None, Coast("gshhg", "strand"))
     writer.write(out, [chapter.chapter(chapter.Matter(found, imprint, land), told)], overwrite=overwrite)

@@ -14,18 +14,20 @@ from drift.maps.chart import GREY, INK, RED, Frame
 from drift.maps.imprint import Imprint
 from drift.maps.sheet import Row, Sheet
 from drift.regain import text
-from drift.regain.record import Regained
+from drift.regain.record import Chased, Regained
 from drift.tracker import path as paths
 from drift.tracker.detections import Detections
 from geo import notation, sphere
 from geo.array import Array
 from geo.box import Box
+from geo.notation import NMI
 
 WIDTH, HEIGHT = 11.7, 9.6  # [in]
 MAP = (0.05, 0.06, 0.655, 0.845)
 KEY = 0.725  # left edge of the key
 DOTS = 1500  # drawn of a cloud
 RAY = 24  # points along a bearing
+PATH = "#e65100"
 
 
 def draw(found: Regained, path: Path, imprint: Imprint, land: Callable[[Box], Iterable[Any]]) -> None:
@@ -47,6 +49,8 @@ def draw(found: Regained, path: Path, imprint: Imprint, land: Callable[[Box], It
     chart.graticule(axes, frame)
     key = [*_tracker(axes, frame, found), *_detections(axes, frame, found), *_clouds(axes, frame, found)]
     key += _estimate(axes, frame, found)
+    if found.chased is not None:
+        key += _chase(axes, frame, found, found.chased)
     chart.scale_bar(axes, frame, chart.free_corner(frame, *_dots(frame, found)))
     sheet.legend(
         on.figure, key, loc="upper left", bbox_to_anchor=(KEY - 0.01, MAP[1] + MAP[3] + 0.01), fontsize=8.5,
@@ -61,6 +65,8 @@ def _places(found: Regained) -> tuple[Array, Array]:
     held = found.held
     parts = [held.place[np.isfinite(held.place[:, 0])], _own(found)[0]]
     parts += [cloud.place for _, cloud in held.clouds if cloud is not None]
+    if found.chased is not None:
+        parts.append(found.chased.found.path.place)
     lon, lat = paths.degrees(np.concatenate(parts))
     return sphere.near_degrees(lon, lon[0]), lat
 
@@ -155,3 +161,16 @@ def _estimate(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]
     shown = [int(np.flatnonzero(held.time == time)[-1]) for time, cloud in held.clouds if cloud is not None]
     (spot,) = axes.plot(*_project(frame, held.place[shown]), "o", color=RED, markersize=5, zorder=9)
     return [((line, spot), "estimated track, and where it is at those times")]
+
+
+def _chase(axes: Axes, frame: Frame, found: Regained, chased: Chased) -> list[tuple[Any, str]]:
+    """Draw the path with its looks, filled where it was planned anew."""
+    chase = found.held.study.pursuit
+    assert chase is not None
+    x, y = _project(frame, chased.found.path.place)
+    (line,) = axes.plot(x, y, color=PATH, linewidth=2.2, zorder=10)
+    (looks,) = axes.plot(x, y, "o", color=PATH, markerfacecolor="white", markersize=5, zorder=11)
+    anew = list(chased.found.plans)
+    (plans,) = axes.plot(x[anew], y[anew], "o", color=PATH, markersize=5.5, zorder=12)
+    about = f"path to {chase.aim}, looks every {chase.interval / 60:g} min\nto {chase.reach / NMI:g} nmi"
+    return [((line, looks), about), (plans, "planned, or planned anew")]

@@ -13,7 +13,7 @@ from drift.regain.record import Regained
 from drift.tracker import path
 from drift.tracker.density import Region
 from drift.tracker.detections import Detections
-from geo import notation
+from geo import notation, sphere
 from geo.notation import KNOT, NMI
 
 
@@ -31,6 +31,8 @@ def facts(found: Regained) -> dict[str, str]:
     told = {"last detection": f"{notation.group(moment(found, seen.time[-1]))} by {who}; {len(seen.time)} in all"}
     for time, regions in found.areas:
         told[notation.group(moment(found, time))] = _state(found, time, regions)
+    if found.chased is not None:
+        told["path"] = _path(found)
     if held.lost:
         times = ", ".join(notation.group(moment(found, time)) for time in held.lost)
         told["lost"] = f"no particle is left by {times}: sweeps that found nothing rule out where it could be. " \
@@ -48,6 +50,57 @@ def _state(found: Regained, time: float, regions: Mapping[float, Region]) -> str
     lon, lat = path.degrees(held.place[k])
     course = round(float(np.degrees(held.course[k]))) % 360
     return f"{notation.position(float(lon), float(lat))}, course {course:03d}, {held.speed[k] / KNOT:.0f} kn; {sizes(regions)}"
+
+
+def _path(found: Regained) -> str:
+    """Return what a path comes to."""
+    chase, chased = found.held.study.pursuit, found.chased
+    assert chase is not None
+    assert chased is not None
+    until = notation.group(moment(found, chased.found.path.time[-1]))
+    anew = [notation.group(moment(found, chase.times[step])) for step in chased.found.plans[1:]]
+    words = f"{_share(chased.found.met[-1])} of the cloud within {chase.reach / NMI:g} nmi by {until}, of another cloud {_share(chased.judged[-1])}"
+    return words + (f"; planned anew at {', '.join(anew)}" if anew else "")
+
+
+def _share(share: float) -> str:
+    return f"{100 * share:.2g} %"
+
+
+def path_table(found: Regained) -> str:
+    """Return the path as CSV, a line for each look; shares met are of the cloud and of another one."""
+    chase, chased = found.held.study.pursuit, found.chased
+    assert chase is not None
+    assert chased is not None
+    way = chased.found.path
+    lon, lat = path.degrees(way.place)
+    course = np.degrees(path.course(way.place[:-1], way.way)) % 360
+    speed = way.rate * sphere.RADIUS / KNOT
+    header = ["time", "lat", "lon", "course_deg", "speed_kn", "met_percent", "met_of_another_percent", "planned"]
+    rows: list[list[Any]] = []
+    for k, time in enumerate(way.time):
+        last = k == len(speed)
+        rows.append([
+            notation.iso(moment(found, time)), f"{lat[k]:.4f}", f"{lon[k]:.4f}",
+            "" if last or speed[k] < 0.05 else f"{round(float(course[k])) % 360:03d}", "" if last else f"{speed[k]:.1f}",
+            *(f"{100 * share[min(k, len(share) - 1)]:.1f}" for share in (chased.found.met, chased.judged)),
+            "yes" if k in chased.found.plans else "no",
+        ])  # fmt: skip
+    return formats.csv_text(header, rows)
+
+
+def path_gpx(found: Regained, run: str) -> str:
+    """Return the path as a GPX route with a point for each look."""
+    chased = found.chased
+    assert chased is not None
+    root = gpx_file.document(found.held.study.title, f"Path through the cloud; run {run}")
+    way = ET.SubElement(root, "rte")
+    markup.leaf(way, "name", "pursuit")
+    lon, lat = path.degrees(chased.found.path.place)
+    for k, time in enumerate(chased.found.path.time):
+        when = moment(found, time)
+        gpx_file.point(way, "rtept", float(lon[k]), float(lat[k]), time=when, name=notation.group(when))
+    return markup.text(root)
 
 
 def sizes(regions: Mapping[float, Region]) -> str:
@@ -131,4 +184,8 @@ def numbers(found: Regained) -> dict[str, Any]:
             "area_nmi2": {notation.percent(share): region.area / NMI**2 for share, region in regions.items()},
         } if regions else {}  # fmt: skip
         told.append({"time": notation.iso(moment(found, time)), "held": bool(regions), **state})
-    return {"title": held.study.title, "shown": told, "lost": [notation.iso(moment(found, t)) for t in held.lost]}
+    summary = {"title": held.study.title, "shown": told, "lost": [notation.iso(moment(found, t)) for t in held.lost]}
+    if found.chased is None:
+        return summary
+    met = {"met": found.chased.found.met[-1], "met_of_another": found.chased.judged[-1]}
+    return {**summary, "path": {**met, "plans": len(found.chased.found.plans)}}

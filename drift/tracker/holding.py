@@ -5,13 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drift.tracker import detections, study
+from drift.tracker import detections, path, study
 from drift.tracker.detections import Detections
 from drift.tracker.following import Clouds, Particles, World
+from drift.tracker.path import Path
+from drift.tracker.pursuit import Forecast
 from drift.tracker.study import Study
 from drift.tracker.sweeps import Sweeps
 from geo import sphere
 from geo.array import Array
+
+SAME = 1.0  # [m] within which a pursuit begins where the tracker is
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,7 @@ def hold(asked: Study, tell: Callable[[float], None] = lambda share: None) -> He
     assert isinstance(found, Detections)
     shown = asked.shown or _shown(asked, found)
     moments = np.unique(np.concatenate([[0.0], study.marks(asked), [asked.end], shown]))
-    told = detections.ordered(asked.sensors, found, asked.tracker, moments, asked.end)
+    told = detections.ordered(asked.sensors, found, asked.tracker, moments, _silent_until(asked))
     held = Clouds([World(asked.tracker, told)], asked.methods[:1], asked.size, asked.seed)
     clouds = []
     for number, time in enumerate(shown, 1):
@@ -51,6 +55,32 @@ def hold(asked: Study, tell: Callable[[float], None] = lambda share: None) -> He
         asked, told, told.time[kept], ~told.marked[kept], fields[:, :3], np.arctan2(fields[:, 3], fields[:, 4]),
         fields[:, 5] * sphere.RADIUS, fields[:, 6], tuple(clouds), tuple(float(t) for t in told.time[kept][since]),
     )  # fmt: skip
+
+
+def onward(asked: Study, seed: int) -> Forecast:
+    """Return what tells where the cloud's particles go while the tracker pursues them; seed: of the cloud's random numbers."""
+    found, chase = asked.target, asked.pursuit
+    assert isinstance(found, Detections)
+    assert chase is not None
+    own = asked.tracker.at([chase.begin])[0][0]
+    joins = path.arc(own, path.vector(*chase.start)) * sphere.RADIUS < SAME
+
+    def forecast(way: Path) -> tuple[Array, Array]:
+        known = asked.tracker.time < chase.begin - 1.0
+        tracker = asked.tracker
+        if joins:
+            tracker = Path(np.append(tracker.time[known], way.time), np.vstack([tracker.place[known], way.place]))
+        told = detections.ordered(asked.sensors, found, tracker, chase.times, chase.begin)
+        held = Clouds([World(tracker, told)], asked.methods[:1], asked.size, seed)
+        clouds = [held.go(time).particles(0, 0, time) for time in chase.times]
+        return np.stack([cloud.place for cloud in clouds]), clouds[0].weight
+
+    return forecast
+
+
+def _silent_until(asked: Study) -> float:
+    """Return until when silence counts [s]: the looks of a pursuit are its own."""
+    return asked.end if asked.pursuit is None else min(asked.end, asked.pursuit.begin)
 
 
 def _shown(asked: Study, found: Detections) -> tuple[float, ...]:

@@ -8,6 +8,7 @@ from drift.tracker import following, sweeps
 from drift.tracker.detections import Detections
 from drift.tracker.following import World
 from drift.tracker.path import Path
+from drift.tracker.pursuit import Pursuit
 from drift.tracker.records import Behaviour, Plan, Sensor, Tracker
 from geo.array import Array
 
@@ -52,6 +53,7 @@ class Study:
     criteria: Criteria | None = None
     areas: tuple[float, ...] = ()  # shares of the probability whose areas are asked whether they hold the target
     shown: tuple[float, ...] = ()  # [s] when the cloud is drawn and its areas are told
+    pursuit: Pursuit | None = None  # of detections: a path on which to meet the target, or to avoid it
     published: dict[str, dict[str, float]] = field(default_factory=dict)  # by way of following and figure
 
 

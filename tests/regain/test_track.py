@@ -4,17 +4,21 @@ import csv
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+import numpy as np
 import pytest
 import shapely
+from pyproj import Geod
 
 import drift
 from drift.case import tracking
 from drift.cli import commands
 from drift.regain import text
-from drift.tracker import path
+from drift.tracker import holding, path
+from geo import sphere
 from geo.errors import UserError
 
 SMALL = {"particles": "600"}
@@ -24,7 +28,9 @@ SPACE = {"g": "http://www.topografix.com/GPX/1/1"}
 def test_a_track_is_written(tmp_path: Path) -> None:
     found = drift.track("lost_contact", tmp_path / "out", changes=SMALL)
     names = {file.name for file in (tmp_path / "out").iterdir()}
-    assert names == {"manifest.json", "summary.json", "track.csv", "track.gpx", "track.png", "track_areas.geojson"}
+    assert names == {
+        "manifest.json", "path.csv", "path.gpx", "summary.json", "track.csv", "track.gpx", "track.png", "track_areas.geojson",
+    }  # fmt: skip
     rows = list(csv.DictReader((tmp_path / "out" / "track.csv").read_text(encoding="utf-8").splitlines()))
     assert len(rows) == len(found.held.time)
     assert [row["detection"] for row in rows].count("yes") == 9
@@ -51,6 +57,67 @@ def test_a_track_is_written(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "track.png").stat().st_size > 50_000
 
 
+def test_a_path_is_written(tmp_path: Path) -> None:
+    found = drift.track("lost_contact", tmp_path / "out", changes=SMALL)
+    assert found.chased is not None
+    rows = list(csv.DictReader((tmp_path / "out" / "path.csv").read_text(encoding="utf-8").splitlines()))
+    assert [row["time"] for row in rows] == [f"2026-03-05T0{3 + m // 60}:{m % 60:02d}:00Z" for m in range(15, 76, 10)]
+    lon, lat = (np.array([float(row[key]) for row in rows]) for key in ("lon", "lat"))
+    azimuth, _, made = Geod(a=sphere.RADIUS, b=sphere.RADIUS).inv(lon[:-1], lat[:-1], lon[1:], lat[1:])
+    # Four decimals of a degree: 8 m at either end, in 10 min
+    np.testing.assert_allclose([float(row["speed_kn"]) for row in rows[:-1]], made / 600 * 3600 / 1852, atol=0.1)
+    assert (made / 600 * 3600 / 1852 < 25.1).all()
+    fast = made > 1000
+    off = (np.array([float(row["course_deg"] or 0) for row in rows[:-1]]) - azimuth + 180)[fast] % 360 - 180
+    assert (np.abs(off) < 1.5).all()
+    met = [float(row["met_percent"]) for row in rows]
+    assert met == sorted(met)
+    assert 20 < met[-1] < 70
+    assert rows[0]["planned"] == "yes"
+    route = ET.parse(tmp_path / "out" / "path.gpx").getroot().findall("g:rte/g:rtept", SPACE)
+    assert [float(point.get("lat", "")) for point in route] == pytest.approx(lat, abs=1e-4)
+
+
+def test_what_flees_reacts_to_the_path_and_what_another_vessel_does_not_matter_to_it() -> None:
+    always = {**SMALL, "method.0.hide": "1", "method.0.change": "0", "method.0.leave": "0"}
+    asked = tracking.load("lost_contact", always)
+    assert asked.pursuit is not None
+    forecast = holding.onward(asked, asked.seed)
+    chase = asked.pursuit
+    lon, lat = np.degrees(chase.start)
+    ways = [
+        path.through([chase.begin, chase.times[-1]], *np.radians([[lon, lon + east], [lat, lat + 0.3]]))
+        for east in (-0.3, 0.3)
+    ]
+    (one, weight), (two, same) = (forecast(way) for way in ways)
+    np.testing.assert_array_equal(weight, same)
+    np.testing.assert_array_equal(one[0], two[0])  # the same particles, until they act
+    assert path.degrees(one[-1])[0].mean() > path.degrees(two[-1])[0].mean() + 0.02  # away from it
+    elsewhere = holding.onward(replace(asked, pursuit=replace(chase, start=(0.0, 0.0))), asked.seed)
+    np.testing.assert_array_equal(elsewhere(ways[0])[0], elsewhere(ways[1])[0])
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"pursuit.begin": "60 min"}, "pursuit: begin 3600 s is before the last detection, 4170 s"),
+        ({"pursuit.lasting": "3 h"}, "pursuit: it would last until 15300 s, the case lasts 8100 s"),
+        ({"pursuit.begin": "80 min"}, "pursuit: nobody says where the tracker is at 4800 s; give at, or another begin"),
+        ({"pursuit.step": "90 min"}, "pursuit: it lasts less than a step"),
+        ({"pursuit.step": "10 s"}, "360 steps make"),
+        ({"pursuit.aim": "avoid"}, "a path that avoids goes to a place"),
+        ({"pursuit.aim": "avoid", "pursuit.to": "20 00N 076 00W"}, "the destination is out of reach in the time given"),
+        ({"pursuit.at": "18 10N 077 00W"}, "pursuit: the vessel begins where it cannot be (land)"),
+        ({"pursuit.replan": "1.5"}, "pursuit.replan"),
+    ],
+)
+def test_a_pursuit_that_cannot_be_is_one_line(tmp_path: Path, changes: dict[str, str], words: str) -> None:
+    with pytest.raises(UserError) as refusal:
+        drift.track("lost_contact", tmp_path / "out", changes={**SMALL, **changes})
+    assert any(words in line for line in refusal.value.lines), refusal.value.lines
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_command_writes_the_same_bits_with_one_thread_and_two(tmp_path: Path) -> None:
     made = []
     for threads in ("1", "2"):
@@ -58,7 +125,7 @@ def test_the_command_writes_the_same_bits_with_one_thread_and_two(tmp_path: Path
         words = ["track", "lost_contact", "--set", "particles=600", "--threads", threads, "--out", str(out), "--quiet"]
         subprocess.run([sys.executable, "-m", "drift", *words], check=True)
         features = json.loads((out / "track_areas.geojson").read_text(encoding="utf-8"))["features"]
-        made.append((features, *((out / name).read_bytes() for name in ("track.csv", "track.png"))))
+        made.append((features, *((out / name).read_bytes() for name in ("track.csv", "path.csv", "track.png"))))
     assert made[0] == made[1]
 
 

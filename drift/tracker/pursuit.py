@@ -1,0 +1,195 @@
+"""A path that meets a cloud, or keeps out of its way, planned again as the cloud moves and shrinks.
+
+At the end of each step the vessel looks round: particles within its reach are met, and where it sees nothing they are
+ruled out. Paths are by A* on the cloud binned by cells (drift.tracker.astar). What a path meets is added step by step, so that
+what stays in reach is counted again: a plan is made anew with what is left when the likelihood of having seen nothing
+since the last plan falls below a threshold (Klaas, Southey and Cheeseman 2005, Particle-based communication among game agents).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from drift.tracker import astar, path
+from drift.tracker.path import Path
+from geo import sphere
+from geo.array import Array
+
+STRIDE = 4  # cells that the vessel makes in a step: courses are at most 14 degrees, lengths 12 % off
+MOST = 5_000_000  # cells and steps together
+
+Forecast = Callable[[Path], tuple[Array, Array]]  # a tracker's path -> places at each step (K + 1, n, 3), weights (n,)
+Closed = Callable[[Array, Array], Array]  # lon, lat [deg] -> whether a vessel cannot be there
+
+
+@dataclass(frozen=True)
+class Pursuit:
+    """What is asked for."""
+
+    aim: Literal["meet", "avoid"]
+    start: tuple[float, float]  # (lon, lat) [rad]
+    speed: float  # [m/s]
+    reach: float  # [m] within which a particle is met
+    begin: float  # [s]
+    interval: float  # [s] of a step
+    steps: int
+    to: tuple[float, float] | None = None  # where it goes that avoids [rad]
+    worth: float = 3600.0  # [s] of detour that one would take for a meeting less, by -log(1 - share met)
+    threshold: float = 0.8  # likelihood of having seen nothing below which the plan is made anew
+
+    @property
+    def times(self) -> Array:
+        """Times of the looks [s], from the begin on (steps + 1,)."""
+        return self.begin + self.interval * np.arange(self.steps + 1)
+
+
+@dataclass(frozen=True)
+class Pursued:
+    """A path and what came of it."""
+
+    path: Path
+    met: Array  # share of the cloud met by each of its looks, each particle counted once
+    plans: tuple[int, ...]  # steps at which a plan was made
+
+
+class Trigger:
+    """Klaas' trigger: the likelihood of what was observed since the last time, and whether it fell below a threshold."""
+
+    def __init__(self, threshold: float) -> None:
+        """Have observed nothing yet."""
+        self.threshold, self.likelihood = threshold, 1.0
+
+    def observed(self, weight: float) -> bool:
+        """Return whether it is time, by the sum of weights, 1 before, that an observation left; then begin anew."""
+        self.likelihood *= weight
+        if self.likelihood >= self.threshold:
+            return False
+        self.likelihood = 1.0
+        return True
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells about the start: row and column 0 are the south-west corner."""
+
+    lon: float  # [rad] of the middle
+    lat: float
+    size: float  # [m] of a cell
+    half: int  # cells on either side of the middle
+
+    @property
+    def place(self) -> Array:
+        """Unit vectors of the cells' centres (side, side, 3)."""
+        at = self.size * np.arange(-self.half, self.half + 1)
+        east, north = np.meshgrid(at, at)
+        return path.vector(*sphere.destination(self.lon, self.lat, east, north))
+
+    def cell(self, lon: float, lat: float) -> astar.Cell | None:
+        """Return the cell of a place [rad], if it has one."""
+        east, north = sphere.offset(self.lon, self.lat, lon, lat)
+        row, column = (int(np.rint(float(v) / self.size)) + self.half for v in (north, east))
+        inside = 0 <= row <= 2 * self.half and 0 <= column <= 2 * self.half
+        return (row, column) if inside else None
+
+
+def grid(asked: Pursuit) -> Grid:
+    """Return the cells that can be reached."""
+    return Grid(*asked.start, asked.speed * asked.interval / STRIDE, STRIDE * asked.steps)
+
+
+def mass(cells: Array, place: Array, weight: Array, reach: float) -> Array:
+    """Return the weight of the particles within reach [m] of cells at unit vectors (rows, columns, 3)."""
+    chord = 2 * np.sin(reach / sphere.RADIUS / 2)
+    near = cKDTree(cells.reshape(-1, 3)).sparse_distance_matrix(cKDTree(place), chord, output_type="coo_matrix")
+    total = np.bincount(near.row, weights=weight[near.col], minlength=cells.shape[0] * cells.shape[1])
+    return np.asarray(total).reshape(cells.shape[:2])
+
+
+def pursue(asked: Pursuit, forecast: Forecast, closed: Closed | None = None) -> Pursued:
+    """Return a path and the share of the cloud that it meets.
+
+    forecast: where the same particles, in the same order, would be at `asked.times` if the tracker went a path: it is asked
+    again with each plan, for particles may seek or flee. closed: where the vessel cannot be. Raises ValueError with one line for
+    what cannot be done.
+    """
+    check(asked)
+    cells = grid(asked)
+    centres = cells.place
+    shut = np.zeros(centres.shape[:2], bool) if closed is None else closed(*path.degrees(centres))
+    here = (cells.half, cells.half)
+    goal = None if asked.to is None else cells.cell(*asked.to)
+    if asked.to is not None and goal is None:
+        raise ValueError("the destination is out of reach in the time given")
+    if shut[here]:
+        raise ValueError("the vessel begins where it cannot be (land)")
+    if goal is not None and shut[goal]:
+        raise ValueError("the destination is where the vessel cannot be (land)")
+    places, weight = forecast(path.standing(*asked.start, asked.begin, asked.times[-1]))
+    if not weight.sum() > 0:
+        raise ValueError("no particle is left: there is nothing to meet or to avoid")
+    left, trigger = weight / weight.sum(), Trigger(asked.threshold)
+    plan, plans, met = [here], [], []
+    for step in range(asked.steps + 1):
+        seen = path.arc(places[step], centres[plan[step]]) * sphere.RADIUS <= asked.reach
+        before, left = left.sum(), np.where(seen, 0.0, left)
+        met.append(1.0 - left.sum())
+        if (step == 0 or trigger.observed(left.sum() / before)) and left.sum() > 0 and step < asked.steps:
+            plan = [*plan[: step + 1], *_plan(asked, centres, shut, places, left, plan[step], step, goal)]
+            plans.append(step)
+            places, _ = forecast(_path(asked, centres, plan))
+        if step == len(plan) - 1 or left.sum() == 0:
+            break
+    return Pursued(_path(asked, centres, plan[: len(met)]), np.array(met), tuple(plans))
+
+
+def _plan(
+    asked: Pursuit, centres: Array, shut: Array, places: Array, left: Array, here: astar.Cell, step: int,
+    goal: astar.Cell | None,
+) -> list[astar.Cell]:  # fmt: skip
+    """Return the cells after a step."""
+    weight = left / left.sum()
+    share = np.stack([mass(centres, places[k], weight, asked.reach) for k in range(step + 1, asked.steps + 1)])
+    if goal is None:
+        cost = share.max(axis=(1, 2), keepdims=True) - share
+    else:
+        cost = asked.interval - asked.worth * np.log1p(-np.minimum(share, 1 - 1e-12))
+    return astar.cheapest(cost, STRIDE, here, goal, shut)[1:]
+
+
+def _path(asked: Pursuit, centres: Array, way: list[astar.Cell]) -> Path:
+    """Return the path through cells; what has arrived stays."""
+    place = np.array([centres[cell] for cell in way])
+    if len(way) == 1:
+        return Path(asked.times[:2], np.repeat(place, 2, axis=0))
+    return Path(asked.times[: len(way)], place)
+
+
+def judged(asked: Pursuit, found: Path, forecast: Forecast) -> Array:
+    """Return the share of another cloud that a path meets by each of its looks: one the plan has not seen."""
+    places, weight = forecast(found)
+    left, met = weight / weight.sum(), []
+    for k, place in enumerate(found.place):
+        left = np.where(path.arc(places[k], place) * sphere.RADIUS <= asked.reach, 0.0, left)
+        met.append(1 - left.sum())
+    return np.array(met)
+
+
+def check(asked: Pursuit) -> None:
+    """Raise ValueError, one line, for what cannot be asked."""
+    for name in ("speed", "reach", "interval", "worth"):
+        if not getattr(asked, name) > 0:
+            raise ValueError(f"{name} {getattr(asked, name):g} must be above 0")
+    if asked.steps < 1:
+        raise ValueError("it lasts less than a step")
+    if not 0 <= asked.threshold <= 1:
+        raise ValueError(f"threshold {asked.threshold:g} must be 0 to 1")
+    if (asked.aim == "avoid") != (asked.to is not None):
+        raise ValueError("a path that avoids goes to a place; one that meets goes to none")
+    many = (2 * STRIDE * asked.steps + 1) ** 2 * asked.steps
+    if many > MOST:
+        raise ValueError(
+            f"{asked.steps} steps make {many:,} cells and times; at most {MOST:,}: take longer steps, or a shorter time"
+        )

@@ -1,0 +1,221 @@
+"""Paths through clouds: A* against SciPy's Dijkstra, meeting by hand, going round, and Klaas' trigger."""
+
+import itertools
+
+import numpy as np
+import pytest
+import shapely
+from pyproj import Geod
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from drift.tracker import astar, path, pursuit
+from drift.tracker.pursuit import Pursuit, Trigger
+from geo import sphere
+from geo.array import Array
+from geo.notation import KNOT, NMI
+
+EARTH = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
+LON, LAT = np.radians([-76.3, 34.2])
+
+
+def crosses(closed: Array, a: tuple[int, int], b: tuple[int, int]) -> bool:
+    """Return whether the line between the middles of two cells touches a closed cell."""
+    cells = [shapely.box(i - 0.5, j - 0.5, i + 0.5, j + 0.5) for i, j in np.argwhere(closed)]
+    line = shapely.LineString([a, b]) if a != b else shapely.Point(a)
+    return bool(shapely.intersects(np.array(cells, dtype=object), line).any())
+
+
+def oracle(cost: Array, stride: int, start: tuple[int, int], goal: tuple[int, int] | None, closed: Array) -> Array:
+    """Return the least costs to go from every node, by Dijkstra over all nodes of the graph turned round, (K + 1, rows, columns)."""
+    steps, rows, columns = cost.shape
+    number = np.arange((steps + 1) * rows * columns).reshape(steps + 1, rows, columns)
+    heads, tails, costs = [], [], []
+    for k in range(steps):
+        for a in np.ndindex(rows, columns):
+            for b in np.ndindex(rows, columns):
+                near = not closed[a] and (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 <= stride**2
+                if near and not crosses(closed, a, b):
+                    heads.append(number[k][a]), tails.append(number[k + 1][b]), costs.append(cost[k][b] + 1e-15)
+    last = number.size
+    ends = number[-1].ravel() if goal is None else number[:, goal[0], goal[1]]
+    heads, tails, costs = [*heads, *ends], [*tails, *[last] * len(ends)], [*costs, *[1e-15] * len(ends)]
+    graph = coo_matrix((costs, (tails, heads)), shape=(last + 1, last + 1)).tocsr()
+    return dijkstra(graph, indices=last)[:-1].reshape(steps + 1, rows, columns)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("to", [None, (6, 5)])
+def test_the_way_is_the_cheapest_and_its_guide_never_too_dear(seed: int, to: tuple[int, int] | None) -> None:
+    rng = np.random.default_rng(seed)
+    cost = rng.exponential(1.0, (5, 8, 7)) ** 2
+    closed = rng.random((8, 7)) < 0.25
+    start = (1, 2)
+    closed[start] = False
+    if to is not None:
+        closed[to] = False
+    exact = oracle(cost, 2, start, to, closed)
+    guide = astar.to_go(np.where(closed, np.inf, cost), 2, to)
+    open_ = np.broadcast_to(~closed, guide.shape)
+    assert (guide[open_] <= exact[open_] + 1e-9).all()
+    if not np.isfinite(exact[0][start]):
+        with pytest.raises(ValueError, match="there is no way"):
+            astar.cheapest(cost, 2, start, to, closed)
+        return
+    way = astar.cheapest(cost, 2, start, to, closed)
+    assert way[0] == start
+    assert to is None or way[-1] == to
+    assert all(not crosses(closed, a, b) for a, b in itertools.pairwise(way))
+    assert all((np.subtract(a, b) ** 2).sum() <= 4 for a, b in itertools.pairwise(way))
+    assert astar.value(cost, way) == pytest.approx(exact[0][start], abs=1e-9)
+
+
+def test_mass_is_the_weight_within_reach() -> None:
+    rng = np.random.default_rng(3)
+    cells = pursuit.Grid(LON, LAT, 3000.0, 6)
+    lon, lat = sphere.destination(LON, LAT, *rng.normal(0, 9000, (2, 400)))
+    weight = rng.random(400)
+    found = pursuit.mass(cells.place, path.vector(lon, lat), weight, 5000.0)
+    for row, column in ((0, 0), (6, 6), (9, 3), (4, 11)):
+        at = path.degrees(cells.place[row, column])
+        away = EARTH.inv(np.full(400, at[0]), np.full(400, at[1]), *np.degrees([lon, lat]))[2]
+        assert found[row, column] == pytest.approx(weight[away <= 5000.0].sum(), abs=1e-12)
+
+
+def test_the_trigger_multiplies_what_is_left_and_begins_anew() -> None:
+    """Klaas' steps 1 to 3 by hand: 0.9, 0.81 < 0.85: triggered; 0.95, 0.8075 < 0.85: triggered; then from 1 again."""
+    trigger = Trigger(0.85)
+    assert [trigger.observed(weight) for weight in (0.9, 0.9, 0.95, 0.85, 1.0, 0.86)] == [
+        False,
+        True,
+        False,
+        True,
+        False,
+        False,
+    ]
+
+
+def straight(lon: Array, lat: Array, course: Array, speed: Array, times: Array) -> Array:
+    """Return unit vectors of what keeps great circles (times, n, 3), by pyproj; angles [rad], [m/s], [s] after the first."""
+    n = len(lon)
+    where = [EARTH.fwd(*np.degrees([lon, lat, course]), np.broadcast_to(speed, n) * (t - times[0])) for t in times]
+    return np.stack([path.vector(*np.radians(at[:2])) for at in where])
+
+
+def asked(**changes: object) -> Pursuit:
+    given = {
+        "aim": "meet", "start": (float(LON), float(LAT)), "speed": 20 * KNOT, "reach": 2 * NMI, "begin": 900.0,
+        "interval": 600.0, "steps": 9,
+    }  # fmt: skip
+    return Pursuit(**{**given, **changes})  # type: ignore[arg-type]
+
+
+def test_a_boat_on_a_known_course_is_met_where_the_speeds_allow_it() -> None:
+    """It passes abeam at 12 nmi on a course across, at 10 kn: they are within reach after 40 to 60 min; 30 nmi off, never."""
+    for away, can in ((12.0, True), (30.0, False)):
+        lon, lat, _ = EARTH.fwd(*np.degrees([LON, LAT]), 70.0, away * NMI)
+        question = asked()
+        ways = straight(*np.radians([[lon], [lat], [340.0]]), np.array([10 * KNOT]), question.times)
+        found = pursuit.pursue(question, lambda _, ways=ways: (ways, np.ones(1)))
+        assert (found.met[-1] == 1.0) == can
+        if can:
+            assert (np.flatnonzero(found.met)[0] - 0) * 10 <= 60
+            place = path.degrees(found.path.place)
+            made = EARTH.inv(place[0][:-1], place[1][:-1], place[0][1:], place[1][1:])[2]
+            # Lengths on the plane about the start are at most (d / R)^2 / 6 too short: 60 nmi, 5e-5.
+            assert (made <= question.speed * question.interval * (1 + 1e-4)).all()
+
+
+def cloud(n: int, seed: int, question: Pursuit, centre: tuple[float, float] = (9.0, 4.0)) -> Array:
+    rng = np.random.default_rng(seed)
+    east, north = rng.normal(0, 3 * NMI, (2, n)) + np.array(centre)[:, None] * NMI
+    lon, lat = sphere.destination(LON, LAT, east, north)
+    return straight(lon, lat, rng.normal(1.0, 0.4, n), rng.uniform(4, 12, n) * KNOT, question.times)
+
+
+def test_planning_again_meets_more_and_another_cloud_as_much() -> None:
+    """Each of its looks meets a share p of n others: standard error sqrt(p (1 - p) / n) of either cloud."""
+    question = asked(threshold=0.9)
+    n = 4000
+    first, second = (cloud(n, seed, question) for seed in (1, 2))
+    first[:, : n // 3] = cloud(n // 3, 3, question, (-8.0, 10.0))
+    second[:, : n // 3] = cloud(n // 3, 4, question, (-8.0, 10.0))
+    again = pursuit.pursue(question, lambda _: (first, np.ones(n)))
+    once = pursuit.pursue(asked(threshold=0.0), lambda _: (first, np.ones(n)))
+    assert once.plans == (0,)
+    assert len(again.plans) > 2
+    assert again.met[-1] > once.met[-1] + 0.05
+    assert (np.diff(again.met) >= 0).all()
+    others = pursuit.judged(question, again.path, lambda _: (second, np.ones(n)))
+    p = again.met[-1]
+    assert others[-1] == pytest.approx(p, abs=4 * np.sqrt(2 * p * (1 - p) / n))
+
+
+def test_what_avoids_goes_round_where_that_is_worth_it_and_through_where_not() -> None:
+    """A standing band across the way: through it meets 40 % or more, round its end is a detour of some minutes."""
+    n = 3000
+    rng = np.random.default_rng(5)
+    east, north = rng.uniform(-2, 9, n) * NMI, rng.normal(10, 0.7, n) * NMI
+    place = path.vector(*sphere.destination(LON, LAT, east, north))
+    ways = np.broadcast_to(place, (13, n, 3))
+    to = tuple(float(x) for x in sphere.destination(LON, LAT, 0.5 * NMI, 20 * NMI))
+    met, lasting = {}, {}
+    for worth in (60.0, 36_000.0):
+        question = asked(aim="avoid", steps=12, to=to, worth=worth, reach=1 * NMI, speed=15 * KNOT)
+        found = pursuit.pursue(question, lambda _: (ways, np.ones(n)))
+        met[worth], lasting[worth] = found.met[-1], len(found.path.time)
+        there = path.degrees(found.path.place[-1])
+        away = EARTH.inv(there[0], there[1], *np.degrees(to))[2]
+        assert away <= question.speed * question.interval / pursuit.STRIDE * np.sqrt(0.5) * 1.001  # its cell
+    assert met[36_000.0] < 0.01 < met[60.0]
+    assert lasting[60.0] <= lasting[36_000.0]
+
+
+def test_land_is_not_crossed() -> None:
+    """A wall to the north, 3 cells thick, with a gap far east."""
+    question = asked(steps=12)
+    lon, lat, _ = EARTH.fwd(*np.degrees([LON, LAT]), 0.0, 15 * NMI)
+    ways = np.broadcast_to(path.vector(np.radians([lon]), np.radians([lat])), (13, 1, 3))
+
+    def wall(lons: Array, lats: Array) -> Array:
+        north = (lats - np.degrees(LAT)) * 60
+        east = (lons - np.degrees(LON)) * 60 * np.cos(LAT)
+        return (north > 5) & (north < 8) & (east < 9)
+
+    found = pursuit.pursue(question, lambda _: (ways, np.ones(1)), wall)
+    assert found.met[-1] == 1.0
+    lons, lats = path.degrees(found.path.at(np.linspace(*found.path.time[[0, -1]], 2000))[0])
+    # Middles of the cells under a straight move are open; the move itself keeps within half a cell of them.
+    half = question.speed * question.interval / pursuit.STRIDE / 2 / NMI
+    assert not wall(
+        lons + half / 60 / np.cos(LAT),
+        np.where((lats - np.degrees(LAT)) * 60 < 6.5, lats - half / 60, lats + half / 60),
+    ).any()
+    assert lons.max() > np.degrees(LON) + 8 / 60
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"speed": 0.0}, "speed 0 must be above 0"),
+        ({"reach": -1.0}, "reach -1 must be above 0"),
+        ({"steps": 0}, "lasts less than a step"),
+        ({"threshold": 1.2}, "threshold 1.2 must be 0 to 1"),
+        ({"aim": "avoid"}, "a path that avoids goes to a place"),
+        ({"aim": "avoid", "to": (0.0, 0.0)}, "out of reach"),
+        ({"steps": 200}, "200 steps make"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line(changes: dict[str, object], words: str) -> None:
+    question = asked(**changes)
+    ways = np.broadcast_to(path.vector([LON], [LAT]), (question.steps + 1, 1, 3))
+    with pytest.raises(ValueError, match=words):
+        pursuit.pursue(question, lambda _: (ways, np.ones(1)))
+
+
+def test_an_empty_cloud_and_a_start_on_land_are_refused() -> None:
+    ways = np.broadcast_to(path.vector([LON], [LAT]), (10, 1, 3))
+    with pytest.raises(ValueError, match="no particle is left"):
+        pursuit.pursue(asked(), lambda _: (ways[:, :0], np.ones(0)))
+    with pytest.raises(ValueError, match="begins where it cannot be"):
+        pursuit.pursue(asked(), lambda _: (ways, np.ones(1)), lambda lon, lat: lat > -90)
