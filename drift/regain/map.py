@@ -15,12 +15,13 @@ from drift.maps.imprint import Imprint
 from drift.maps.sheet import Row, Sheet
 from drift.regain import text
 from drift.regain.record import Chased, Regained
+from drift.tracker import density
 from drift.tracker import path as paths
 from drift.tracker.detections import Detections
 from geo import notation, sphere
 from geo.array import Array
 from geo.box import Box
-from geo.notation import NMI
+from geo.notation import KNOT, NMI
 
 WIDTH, HEIGHT = 11.7, 9.6  # [in]
 MAP = (0.05, 0.06, 0.655, 0.845)
@@ -28,6 +29,7 @@ KEY = 0.725  # left edge of the key
 DOTS = 1500  # drawn of a cloud
 RAY = 24  # points along a bearing
 PATH = "#e65100"
+WINDOWS = (7.2, 1.0)  # [deg, kn] of courses and speeds, as Borovies has them
 
 
 def draw(found: Regained, path: Path, imprint: Imprint, land: Callable[[Box], Iterable[Any]]) -> None:
@@ -52,6 +54,7 @@ def draw(found: Regained, path: Path, imprint: Imprint, land: Callable[[Box], It
     if found.chased is not None:
         key += _chase(axes, frame, found, found.chased)
     chart.scale_bar(axes, frame, chart.free_corner(frame, *_dots(frame, found)))
+    _densities(on, found)
     sheet.legend(
         on.figure, key, loc="upper left", bbox_to_anchor=(KEY - 0.01, MAP[1] + MAP[3] + 0.01), fontsize=8.5,
         handlelength=2.2, labelspacing=0.7,
@@ -131,7 +134,7 @@ def _detections(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, st
 def _clouds(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
     """Draw the cloud at each time shown, later ones warmer, with the outlines of its areas."""
     symbols = []
-    colours = matplotlib.colormaps["viridis_r"](np.linspace(0.12, 0.95, len(found.held.clouds)))
+    colours = _colours(found)
     for (time, cloud), (_, regions), colour in zip(found.held.clouds, found.areas, colours, strict=True):
         when = notation.group(text.moment(found, time))
         if cloud is None:
@@ -153,6 +156,37 @@ def _clouds(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
         (sign,) = axes.plot([], [], "o", color=colour, markersize=7)
         symbols.append((sign, f"{when}: area of\n{text.sizes(regions)}"))
     return symbols
+
+
+def _colours(found: Regained) -> Any:
+    """Return a colour for each time shown."""
+    return matplotlib.colormaps["viridis_r"](np.linspace(0.12, 0.95, len(found.held.clouds)))
+
+
+def _densities(on: sheet.Page, found: Regained) -> None:
+    """Draw how dense courses and speeds of the particles are at the times shown."""
+    fastest = found.held.study.methods[0].behaviour.fastest / KNOT
+    panels = (
+        ("Course [deg]", np.linspace(0, 360, 361), WINDOWS[0], 360.0, np.arange(0, 361, 90)),
+        ("Speed [kn]", np.linspace(0, 1.05 * fastest, 300), WINDOWS[1], None, None),
+    )
+    for number, (title, at, width, period, ticks) in enumerate(panels):
+        axes: Axes = on.figure.add_axes((KEY + 0.01, MAP[1] + 0.02 + 0.165 * (1 - number), 0.245, 0.11))
+        for (_, cloud), colour in zip(found.held.clouds, _colours(found), strict=True):
+            if cloud is not None:
+                course = np.degrees(paths.course(cloud.place, cloud.velocity))
+                speed = np.linalg.norm(cloud.velocity, axis=1) * sphere.RADIUS / KNOT
+                values = speed if period is None else course
+                axes.plot(at, density.along(values, cloud.weight, width, at, period), color=colour, linewidth=1.4)
+        axes.set_title(f"{title}: density at those times", fontsize=8.5, color=INK, loc="left", pad=3)
+        axes.set_xlim(at[0], at[-1])
+        axes.set_ylim(bottom=0)
+        if ticks is not None:
+            axes.set_xticks(ticks)
+        axes.set_yticks([])
+        axes.tick_params(labelsize=7.5, colors=INK)
+        for side in ("top", "right", "left"):
+            axes.spines[side].set_visible(False)
 
 
 def _estimate(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
