@@ -13,6 +13,7 @@ from drift.case.mistakes import Mistakes
 from drift.case.processing import ProcessingTable
 from drift.case.sensor import VISUAL, Kind, SensorTable
 from drift.search.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit
+from drift.tracker.records import METHODS
 from geo import notation
 from geo.errors import UserError
 
@@ -148,9 +149,20 @@ class PlanTable(fields.Table):
 class ResamplingTable(fields.Table):
     """The [resampling] table as written."""
 
-    method: Literal["systematic", "kahn"] = "systematic"
+    method: Literal["systematic", "kahn", "duplicates"] = "systematic"
     below: fields.Share = 0.0
     across_scenarios: bool = False
+
+    @field_validator("method", mode="before")
+    @classmethod
+    def known(cls, value: object) -> object:
+        """Say where the fillings of clouds are."""
+        if isinstance(value, str) and value in METHODS:
+            raise ValueError(
+                f'"{value}" draws anew from a detection\'s box, which drift run has not; it is fill of a tracking case. '
+                'Allowed are "systematic", "kahn" and "duplicates"'
+            )
+        return value
 
     @field_validator("below")
     @classmethod
@@ -167,10 +179,13 @@ class ResamplingTable(fields.Table):
     @model_validator(mode="after")
     def whole(self) -> "ResamplingTable":
         """Refuse slots that change hands while their number floats, and that never do."""
-        if self.across_scenarios and self.method == "kahn":
+        if self.across_scenarios and self.method != "systematic":
+            why = {
+                "kahn": "the number of particles of a scenario floats, and cannot be given to another",
+                "duplicates": "what is left of a scenario keeps its slots",
+            }
             raise ValueError(
-                'across_scenarios = true needs method = "systematic": with "kahn" the number of particles of a scenario '
-                "floats, and cannot be given to another"
+                f'across_scenarios = true needs method = "systematic": with "{self.method}" {why[self.method]}'
             )
         if self.across_scenarios and self.below == 0:
             raise ValueError("across_scenarios = true needs below, such as 0.5: with below = 0 nothing is drawn anew")

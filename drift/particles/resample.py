@@ -5,6 +5,11 @@ of the others, of which each keeps a few. Systematic: N offspring, the smallest 
 Cappe and Moulines 2005, arXiv:cs/0507025). Kahn's Russian roulette and splitting (Kahn 1955, RAND P-766): each particle
 on its own, so that their number floats; held at N it would be biased. Either way a particle's expected offspring are N
 times its share, and the weights of its offspring add up to its own in the mean.
+
+Duplicates (Borovies 2007, Particle filter based tracking in a detection sparse discrete event simulation environment, III.B.2) are a
+heuristic: what searches have all but ruled out is dropped, and its slots go to copies of the others, drawn by weight, which keep
+their weight as the originals keep theirs. So a particle of share w is expected to weigh w (1 + m w) with m copies made, before all are
+scaled to what they were together: what is heavy grows, and the posterior is lost.
 """
 
 from collections.abc import Callable
@@ -19,6 +24,7 @@ from kernels import noise
 from kernels.noise import Purpose
 
 LEAST_SHARE = 0.1  # least slots of a scenario, as a share of an equal share
+RULED_OUT = 1e-3  # of the mean weight of a scenario: a particle of less is ruled out, by those who duplicate
 SPARE = 4.0  # slots to spare for Kahn's way, in units of sqrt(N); the spread is at most half of one
 
 
@@ -56,17 +62,33 @@ def _kahn_that_fits(weight: Array, number: int, random: np.random.Generator) -> 
     return drawn
 
 
+def survivors(weight: Array) -> Array:
+    """Return which particles of a scenario are not ruled out, bool (n,), by their weights."""
+    return np.asarray((weight > 0) & (weight >= RULED_OUT * weight.mean()))
+
+
+def _duplicates(weight: Array, number: int, random: np.random.Generator) -> Array:
+    """Return survivors and as many copies of them, drawn by weight, as there are others; ascending."""
+    left = np.flatnonzero(survivors(weight))
+    copies = random.choice(left, number - len(left), p=weight[left] / weight[left].sum())
+    return np.sort(np.concatenate([left, copies]))
+
+
 class Method(NamedTuple):
     """A way to resample.
 
     draw: ancestors, from weights, the number aimed at and random numbers. slots: how many a number of particles needs.
+    keeps: whether offspring weigh what their ancestor does, relative to one another; else all are alike. It is then done by how
+    many particles survive, not by how many are effective.
     """
 
     draw: Callable[[Array, int, np.random.Generator], Array]
     slots: Callable[[int], int]
+    keeps: bool = False
 
 
 METHODS = {
+    "duplicates": Method(_duplicates, lambda number: number, keeps=True),
     "systematic": Method(
         lambda weight, number, random: systematic(weight, number, random.random()), lambda number: number
     ),
@@ -94,7 +116,8 @@ def offspring(
         drawn = METHODS[method].draw(own, number, random)
         ancestors[first : first + len(drawn)] = first + drawn
         spare[first + len(drawn) : last] = True
-        new[first : first + len(drawn)] = scale + np.log(total / number)
+        each = own[drawn] * (total / own[drawn].sum()) if METHODS[method].keeps else total / number
+        new[first : first + len(drawn)] = scale + np.log(each)
     return ancestors, new, spare
 
 

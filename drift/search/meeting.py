@@ -55,9 +55,14 @@ class Redrawing:
 
     def anew(self, log_weight: Array, layout: Layout, events: int) -> Drawn | None:
         """Return the particles drawn anew by their log weights (n,) after so many events; None: they need not be."""
-        if weights.weighed(log_weight, layout.blocks).ess >= self._rule.below * sum(self.target):
-            return None
         scenarios = list(zip(layout.bounds[:-1], layout.bounds[1:], strict=True))
+        if resample.METHODS[self._rule.method].keeps:
+            weight = weights.relative(log_weight)
+            left = sum(float(resample.survivors(weight[first:last]).sum()) for first, last in scenarios if last > first)
+        else:
+            left = weights.weighed(log_weight, layout.blocks).ess
+        if left >= self._rule.below * sum(self.target):
+            return None
         seeds = self._seed, events
         if self._rule.across:
             ancestors, new, bounds = resample.across(log_weight, scenarios, layout.bounds[-1], seeds)

@@ -308,6 +308,6 @@ class PlanSpec:
 class Resampling:
     """When and how particles are drawn anew in proportion to their weights."""
 
-    method: Literal["systematic", "kahn"] = "systematic"
-    below: float = 0.0  # share of the particles; with fewer effective ones they are drawn anew; 0: never
+    method: Literal["systematic", "kahn", "duplicates"] = "systematic"
+    below: float = 0.0  # share of the particles; with fewer effective ones, or survivors, they are drawn anew; 0: never
     across: bool = False  # whether slots may go from one scenario to another, or each keeps its own

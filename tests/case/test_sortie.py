@@ -681,6 +681,11 @@ UNITS = {
         '[resampling]\nmethod = "kahn"\nbelow = 0.5\nacross_scenarios = true\n',
         'across_scenarios = true needs method = "systematic"',
     ),
+    "copies that would change hands": (
+        '[resampling]\nmethod = "duplicates"\nbelow = 0.5\nacross_scenarios = true\n',
+        "what is left of a scenario keeps its slots",
+    ),
+    "a filling of clouds": ('[resampling]\nmethod = "combined"\n', "it is fill of a tracking case"),
     "slots that never change hands": ("[resampling]\nacross_scenarios = true\n", "needs below, such as 0.5"),
     "another resampling": ('[resampling]\nmethod = "residual"\n', "'residual' is not allowed"),
 }

@@ -241,6 +241,7 @@ RESAMPLED = {
     "never": "",
     "kahn": 'below = 0.6\nmethod = "kahn"',
     "across": "below = 0.6\nacross_scenarios = true",
+    "duplicates": 'below = 0.99\nmethod = "duplicates"',
 }
 
 
