@@ -42,8 +42,8 @@ def test_areas_of_a_normal_cloud(lon: float) -> None:
 def test_a_weight_is_as_many_particles() -> None:
     """But for the width of the windows, which goes by how many effectively count: here given alike."""
     place = cloud(-76.3, 14.2, (9000.0, 4000.0), 0.6, 300, 5)
-    weight = np.random.default_rng(2).integers(1, 4, 300)
     lon, lat = np.radians(path.degrees(place))
+    weight = np.random.default_rng(2).integers(1, 4, 300) + 3 * (lon > np.radians(-76.3))
     points = np.stack(sphere.offset(np.radians(-76.3), np.radians(14.2), lon, lat))
     one = stats.gaussian_kde(points, 0.3, weight)
     two = stats.gaussian_kde(np.repeat(points, weight, axis=1), 0.3)

@@ -44,12 +44,12 @@ def oracle(cost: Array, stride: int, start: tuple[int, int], goal: tuple[int, in
     return dijkstra(graph, indices=last)[:-1].reshape(steps + 1, rows, columns)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("to", [None, (6, 5)])
 def test_the_way_is_the_cheapest_and_its_guide_never_too_dear(seed: int, to: tuple[int, int] | None) -> None:
     rng = np.random.default_rng(seed)
     cost = rng.exponential(1.0, (5, 8, 7)) ** 2
-    closed = rng.random((8, 7)) < 0.25
+    closed = rng.random((8, 7)) < (0.25, 0.4)[seed % 2]
     start = (1, 2)
     closed[start] = False
     if to is not None:
