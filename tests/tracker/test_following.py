@@ -300,3 +300,33 @@ def test_the_table_of_closing() -> None:
     # The negative control: the length of the mean velocity is no estimate of the speed.
     length = np.linalg.norm(found.velocity, axis=-1) / KNOT
     assert (np.abs(length - 20)[:2][..., passive].mean(axis=(1, 2)) > 17).all()
+
+
+def test_duplicates_grow_by_the_square_of_what_they_weigh() -> None:
+    """Where a cloud parts from the posterior: what weighs w of W comes to w (1 + m w / W) with m duplicates.
+
+    Both clouds are drawn from a second box, weighted by the speed needed; a look that finds nothing takes a quarter away, which one of them
+    fills. Of the heavier half: each duplicate adds w with probability w / W, so that the variance of the sum is m times that.
+    """
+    here = path.vector(LON, LAT)
+    boxes = [one_box(60.0, 6.0, 18.0, 12.0, 0.0, here), one_box(60.0, 2.0, 10.0, 8.0, 700.0, here)]
+    scene = World(
+        path.standing(LON, LAT, 0.0, HOUR),
+        sweeps.ordered([*boxes, one_box(0.0, 0.0, 4.0, 180.0, 700.5, here, SILENT)]),
+    )
+    n = 20_000
+    laws = [Tracker("x", Behaviour(FASTEST), Filling("position", partial, 0.5)) for partial in (0.5, 1.0)]
+    held = Clouds([scene], laws, n, 4).go()
+    left, filled = (
+        held._cloud["own_weight"].to_numpy()[k * n :][: len(held.particles(k, 0, 700.5).weight)] for k in (0, 1)
+    )
+    assert 0.6 * n < len(left) < 0.9 * n
+    assert len(filled) == n
+    m, whole, heavy = n - len(left), left.sum(), np.median(left)
+    w = left[left > heavy]
+    mean = w.sum() + m * (w**2).sum() / whole
+    error = np.sqrt(m * ((w**3).sum() / whole - ((w**2).sum() / whole) ** 2))
+    found = filled[filled > heavy].sum()
+    assert abs(found - mean) < 3 * error
+    posterior = w.sum() / whole
+    assert found / filled.sum() - posterior > 10 * error / filled.sum()
