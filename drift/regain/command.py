@@ -72,14 +72,19 @@ def _chased(asked: Study, land: Callable[[Box], Any], tell: Callable[[str, float
         return None
     tell("path", 0.0)
 
-    def closed(lon: Array, lat: Array) -> Array:
+    def closed(lon: Array, lat: Array, half: float) -> Array:
         lon = sphere.near_degrees(lon, float(np.degrees(chase.start[0])))
-        box = Box(float(lon.min()), float(lat.min()), float(lon.max()), float(lat.max()))
-        on_land = np.zeros(lon.shape, bool)
-        for polygon in land(box):
-            for turn in (-360.0, 0.0, 360.0):
-                on_land |= shapely.contains_xy(polygon, lon + turn, lat)
-        return on_land
+        high = np.degrees(1.05 * half / sphere.RADIUS)  # meridians converge: squares are a little turned
+        wide = high / np.maximum(np.cos(np.radians(lat)), 0.01)
+        reach = Box(
+            float((lon - wide).min()), float((lat - high).min()), float((lon + wide).max()), float((lat + high).max())
+        )
+        shapes = shapely.STRtree(list(land(reach)))
+        shut = np.zeros(lon.size, bool)
+        for turn in (-360.0, 0.0, 360.0):
+            squares = shapely.box(lon + turn - wide, lat - high, lon + turn + wide, lat + high).ravel()
+            shut[shapes.query(squares, predicate="intersects")[0]] = True
+        return shut.reshape(lon.shape)
 
     try:
         found = pursuit.pursue(chase, holding.onward(asked, asked.seed), closed)

@@ -18,11 +18,12 @@ from drift.tracker.path import Path
 from geo import sphere
 from geo.array import Array
 
-STRIDE = 4  # cells that the vessel makes in a step: courses are at most 14 degrees, lengths 12 % off
+STRIDE = 4  # cells that the vessel makes in a step: over several it goes any way at 88 % of its speed or more
 MOST = 5_000_000  # cells and steps together
 
 Forecast = Callable[[Path], tuple[Array, Array]]  # a tracker's path -> places at each step (K + 1, n, 3), weights (n,)
-Closed = Callable[[Array, Array], Array]  # lon, lat [deg] -> whether a vessel cannot be there
+# lon, lat [deg] of squares' middles, half their side [m] -> whether there is something in them where a vessel cannot be
+Closed = Callable[[Array, Array, float], Array]
 
 
 @dataclass(frozen=True)
@@ -112,21 +113,31 @@ def pursue(asked: Pursuit, forecast: Forecast, closed: Closed | None = None) -> 
     """Return a path and the share of the cloud that it meets.
 
     forecast: where the same particles, in the same order, would be at `asked.times` if the tracker went a path: it is asked
-    again with each plan, for particles may seek or flee. closed: where the vessel cannot be. Raises ValueError with one line for
+    again with each plan, for particles may seek or flee. closed: where the vessel cannot be; a cell with any of it is
+    closed, but that of begin and destination. Raises ValueError with one line for
     what cannot be done.
     """
     check(asked)
     cells = grid(asked)
     centres = cells.place
-    shut = np.zeros(centres.shape[:2], bool) if closed is None else closed(*path.degrees(centres))
+    shut = np.zeros(centres.shape[:2], bool)
     here = (cells.half, cells.half)
     goal = None if asked.to is None else cells.cell(*asked.to)
     if asked.to is not None and goal is None:
         raise ValueError("the destination is out of reach in the time given")
-    if shut[here]:
-        raise ValueError("the vessel begins where it cannot be (land)")
-    if goal is not None and shut[goal]:
-        raise ValueError("the destination is where the vessel cannot be (land)")
+    if closed is not None:
+        shut = closed(*path.degrees(centres), cells.size / 2)
+        ends = (
+            {"the vessel begins": asked.start}
+            if asked.to is None
+            else {"the vessel begins": asked.start, "the destination is": asked.to}
+        )
+        for what, (lon, lat) in ends.items():
+            if closed(np.degrees([lon]), np.degrees([lat]), 0.0)[0]:
+                raise ValueError(f"{what} on land")
+        for cell in (here, goal):  # harbours are near land
+            if cell is not None:
+                shut[cell] = False
     places, weight = forecast(path.standing(*asked.start, asked.begin, asked.times[-1]))
     if not weight.sum() > 0:
         raise ValueError("no particle is left: there is nothing to meet or to avoid")

@@ -19,6 +19,8 @@ from drift.cli import commands
 from drift.regain import text
 from drift.tracker import holding, path
 from geo import sphere
+from geo.box import Box
+from geo.coast import shore
 from geo.errors import UserError
 
 SMALL = {"particles": "600"}
@@ -78,6 +80,23 @@ def test_a_path_is_written(tmp_path: Path) -> None:
     assert [float(point.get("lat", "")) for point in route] == pytest.approx(lat, abs=1e-4)
 
 
+def test_a_path_keeps_off_the_land_there_is(tmp_path: Path) -> None:
+    """From Kingston round the east of Jamaica to the north: no point of the path is on land, of which the straight way has much."""
+    moved = {
+        **SMALL, "pursuit.aim": "avoid", "pursuit.at": "17 50N 076 35W", "pursuit.to": "18 12N 076 14W", "pursuit.speed": "50 kn",
+        "pursuit.step": "6 min",
+    }  # fmt: skip
+    found = drift.track("lost_contact", changes=moved)
+    assert found.chased is not None
+    way = found.chased.found.path
+    lon, lat = path.degrees(way.at(np.linspace(way.time[0], way.time[-1], 4000))[0])
+    land = shapely.union_all(shore.land("gshhg", Box(-77.5, 17.0, -75.5, 19.0)).polygons)
+    assert shapely.LineString([(-76 - 35 / 60, 17 + 50 / 60), (-76 - 14 / 60, 18 + 12 / 60)]).intersects(land)
+    assert not shapely.contains_xy(land, lon, lat).any()
+    there = Geod(a=sphere.RADIUS, b=sphere.RADIUS).inv(lon[-1], lat[-1], -76 - 14 / 60, 18 + 12 / 60)[2]
+    assert there < 50 * 1852 / 10 / 4  # within its cell
+
+
 def test_what_flees_reacts_to_the_path_and_what_another_vessel_does_not_matter_to_it() -> None:
     always = {**SMALL, "method.0.hide": "1", "method.0.change": "0", "method.0.leave": "0"}
     asked = tracking.load("lost_contact", always)
@@ -107,7 +126,7 @@ def test_what_flees_reacts_to_the_path_and_what_another_vessel_does_not_matter_t
         ({"pursuit.step": "10 s"}, "360 steps make"),
         ({"pursuit.aim": "avoid"}, "a path that avoids goes to a place"),
         ({"pursuit.aim": "avoid", "pursuit.to": "20 00N 076 00W"}, "the destination is out of reach in the time given"),
-        ({"pursuit.at": "18 10N 077 00W"}, "pursuit: the vessel begins where it cannot be (land)"),
+        ({"pursuit.at": "18 10N 077 00W"}, "pursuit: the vessel begins on land"),
         ({"pursuit.replan": "1.5"}, "pursuit.replan"),
     ],
 )

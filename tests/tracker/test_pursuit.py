@@ -70,6 +70,13 @@ def test_the_way_is_the_cheapest_and_its_guide_never_too_dear(seed: int, to: tup
     assert astar.value(cost, way) == pytest.approx(exact[0][start], abs=1e-9)
 
 
+def test_moves_make_most_of_the_speed_in_every_direction() -> None:
+    """What several moves come to lies within the hull of one, whose nearest edge goes through (3, 2) and (2, 3): 5 / sqrt(2) of 4 cells."""
+    hull = shapely.MultiPoint(astar.moves(pursuit.STRIDE)).convex_hull
+    assert hull.exterior.distance(shapely.Point(0, 0)) / pursuit.STRIDE == pytest.approx(5 / np.sqrt(2) / 4)
+    assert np.hypot(*astar.moves(pursuit.STRIDE).T).max() == pursuit.STRIDE
+
+
 def test_mass_is_the_weight_within_reach() -> None:
     rng = np.random.default_rng(3)
     cells = pursuit.Grid(LON, LAT, 3000.0, 6)
@@ -177,20 +184,16 @@ def test_land_is_not_crossed() -> None:
     lon, lat, _ = EARTH.fwd(*np.degrees([LON, LAT]), 0.0, 15 * NMI)
     ways = np.broadcast_to(path.vector(np.radians([lon]), np.radians([lat])), (13, 1, 3))
 
-    def wall(lons: Array, lats: Array) -> Array:
+    def wall(lons: Array, lats: Array, half: float = 0.0) -> Array:
         north = (lats - np.degrees(LAT)) * 60
         east = (lons - np.degrees(LON)) * 60 * np.cos(LAT)
-        return (north > 5) & (north < 8) & (east < 9)
+        half = half / NMI
+        return (north > 5 - half) & (north < 8 + half) & (east < 9 + half)
 
     found = pursuit.pursue(question, lambda _: (ways, np.ones(1)), wall)
     assert found.met[-1] == 1.0
-    lons, lats = path.degrees(found.path.at(np.linspace(*found.path.time[[0, -1]], 2000))[0])
-    # Middles of the cells under a straight move are open; the move itself keeps within half a cell of them.
-    half = question.speed * question.interval / pursuit.STRIDE / 2 / NMI
-    assert not wall(
-        lons + half / 60 / np.cos(LAT),
-        np.where((lats - np.degrees(LAT)) * 60 < 6.5, lats - half / 60, lats + half / 60),
-    ).any()
+    assert not wall(*path.degrees(found.path.at(np.linspace(*found.path.time[[0, -1]], 5000))[0])).any()
+    lons, _ = path.degrees(found.path.place)
     assert lons.max() > np.degrees(LON) + 8 / 60
 
 
@@ -217,5 +220,5 @@ def test_an_empty_cloud_and_a_start_on_land_are_refused() -> None:
     ways = np.broadcast_to(path.vector([LON], [LAT]), (10, 1, 3))
     with pytest.raises(ValueError, match="no particle is left"):
         pursuit.pursue(asked(), lambda _: (ways[:, :0], np.ones(0)))
-    with pytest.raises(ValueError, match="begins where it cannot be"):
-        pursuit.pursue(asked(), lambda _: (ways, np.ones(1)), lambda lon, lat: lat > -90)
+    with pytest.raises(ValueError, match="the vessel begins on land"):
+        pursuit.pursue(asked(), lambda _: (ways, np.ones(1)), lambda lon, lat, half: lat > -90)
