@@ -184,7 +184,8 @@ def staged(
     """Return what a run goes through; some: its particles, or as many as tell how long steps may be."""
     scene = scene_of(case, where, shore)
     try:
-        clock, trial = step_size.clock_of(case.period, clock_spec(case), case.errors, where.sources, some, scene)
+        anew = [contact.time for contact in case.contacts] if case.resampling.fills else []
+        clock, trial = step_size.clock_of(case.period, clock_spec(case), case.errors, where.sources, some, scene, anew)
     except BaseException:
         scene.forcing.close()
         raise

@@ -131,6 +131,7 @@ class Purpose(enum.IntEnum):
     DEBRIS_COAST = 14  # of a class of debris at the coast: walks near it, landings, waits; number: of the class, from 1
     TARGET = 15  # the way of a target that acts, which is followed
     PURSUIT = 16  # the cloud by which a path is judged that was planned on another
+    FILLING = 17  # particles placed anew where a contact may have been; number: of the contact
 
 
 def seed_for(seed: int, purpose: Purpose, number: int = 0) -> int:

@@ -27,7 +27,8 @@ from drift.environment.environment_spec import Coast
 from drift.environment.forcing_spec import Forcing, ForcingSpec
 from drift.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
 from drift.motion.scenario import Scenario
-from drift.search.records import Contact, PlanSpec, Sensors, Sortie, Unit
+from drift.search import filling
+from drift.search.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit
 from drift.sensors.records import Processing, Sensor, Tow
 from drift.spill.records import Spill
 from geo import notation
@@ -65,6 +66,9 @@ def build(table: CaseTable, path: Path, text: str) -> Case:
     current_error, wind_error = _errors(table, forcing, scenarios, search.contacts, wrong)
     depth = _depth(table, search.units, folder, wrong)
     coast = _coast(table.coast, folder, wrong)
+    resampling = table.resampling.resampling()
+    if resampling.fills and not wrong.lines:
+        wrong.lines += _not_filled(table, resampling, search, scenarios, start)
     wrong.lines += _expectations_unmet(table)
     wrong.refuse()
     assert search.plan is not None
@@ -102,7 +106,7 @@ def build(table: CaseTable, path: Path, text: str) -> Case:
         named_sensors=search.named,
         units=search.units,
         plan=search.plan,
-        resampling=table.resampling.resampling(),
+        resampling=resampling,
         expect=table.expect,
         tows=search.tows,
         processing=search.processing,
@@ -177,6 +181,24 @@ def _coast(table: CoastTable, folder: Path, wrong: Mistakes) -> Coast:
     with wrong.gathered():
         lakes = sources.one_file(lakes, folder, "coast.lakes") if isinstance(lakes, str) else lakes
     return Coast(shore, table.behaviour, table.half_life or 0.0, table.offing, lakes)
+
+
+def _not_filled(
+    table: CaseTable, resampling: Resampling, search: _Search, scenarios: tuple[Scenario, ...], start: np.datetime64
+) -> list[str]:
+    """Return complaints about a case whose particles cannot be placed anew at its contacts."""
+    lines = [filling.refused(resampling, scenarios, search.contacts, start)]
+    if table.unit or table.tow or "plan" in table.model_fields_set:
+        lines.append(
+            f'resampling: a plan is made on particles that keep the posterior, and method "{resampling.method}" does not; give '
+            '"systematic", or leave units and [plan] out'
+        )
+    if search.sensors.presences or search.sensors.barriers or search.sensors.lines:
+        lines.append(
+            f'resampling: fields, barriers and lines see ways, and with method "{resampling.method}" particles leap; give [[look]] '
+            "instead, or another method"
+        )
+    return [line for line in lines if line]
 
 
 def _expectations_unmet(table: CaseTable) -> list[str]:

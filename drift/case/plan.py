@@ -19,6 +19,7 @@ from geo.errors import UserError
 
 LEAST, MOST = 1000, 1_000_000  # particles that a plan is made on
 MOST_ROUNDS = 20
+BULK = 0.1  # share of survivors below which a contact places particles anew
 MOST_ENDURANCE = 30 * 86_400.0  # [s]
 MOST_TURNAROUND = 30 * 86_400.0  # [s]
 
@@ -149,20 +150,11 @@ class PlanTable(fields.Table):
 class ResamplingTable(fields.Table):
     """The [resampling] table as written."""
 
-    method: Literal["systematic", "kahn", "duplicates"] = "systematic"
+    method: Literal["systematic", "kahn", "duplicates", "position", "course", "combined"] = "systematic"
     below: fields.Share = 0.0
     across_scenarios: bool = False
-
-    @field_validator("method", mode="before")
-    @classmethod
-    def known(cls, value: object) -> object:
-        """Say where the fillings of clouds are."""
-        if isinstance(value, str) and value in METHODS:
-            raise ValueError(
-                f'"{value}" draws anew from a detection\'s box, which drift run has not; it is fill of a tracking case. '
-                'Allowed are "systematic", "kahn" and "duplicates"'
-            )
-        return value
+    bulk: fields.Share | None = None
+    fastest: fields.ShipSpeed | None = None
 
     @field_validator("below")
     @classmethod
@@ -174,7 +166,30 @@ class ResamplingTable(fields.Table):
 
     def resampling(self) -> Resampling:
         """Return the record."""
-        return Resampling(self.method, self.below, self.across_scenarios)
+        bulk = BULK if self.bulk is None else self.bulk
+        return Resampling(
+            self.method, self.below, self.across_scenarios, bulk if self.method in METHODS else 0.0, self.fastest or 0.0
+        )
+
+    @model_validator(mode="after")
+    def filled(self) -> "ResamplingTable":
+        """Refuse what placing particles anew lacks, and what is of that alone."""
+        wrong = []
+        if self.method in METHODS:
+            bulk = BULK if self.bulk is None else self.bulk
+            if self.fastest is None:
+                wrong.append(f'method "{self.method}" needs fastest, like "32 kn": of what is placed anew at a contact')
+            if not 0 < bulk <= self.below:
+                wrong.append(
+                    f'method "{self.method}" needs 0 < bulk <= below, and bulk is {bulk:g}, below {self.below:g}: fewer survivors than below '
+                    "are duplicated, fewer than bulk placed anew at a contact; give below, like 0.75"
+                )
+        else:
+            given = [key for key in ("bulk", "fastest") if getattr(self, key) is not None]
+            if given:
+                wrong.append(f'{" and ".join(given)}: of method "position", "course" or "combined" alone; leave it out')
+        fields.refuse(self, wrong)
+        return self
 
     @model_validator(mode="after")
     def whole(self) -> "ResamplingTable":
@@ -182,11 +197,8 @@ class ResamplingTable(fields.Table):
         if self.across_scenarios and self.method != "systematic":
             why = {
                 "kahn": "the number of particles of a scenario floats, and cannot be given to another",
-                "duplicates": "what is left of a scenario keeps its slots",
-            }
-            raise ValueError(
-                f'across_scenarios = true needs method = "systematic": with "{self.method}" {why[self.method]}'
-            )
+            }.get(self.method, "what is left of a scenario keeps its slots")
+            raise ValueError(f'across_scenarios = true needs method = "systematic": with "{self.method}" {why}')
         if self.across_scenarios and self.below == 0:
             raise ValueError("across_scenarios = true needs below, such as 0.5: with below = 0 nothing is drawn anew")
         return self

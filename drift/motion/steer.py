@@ -16,6 +16,8 @@ from drift.motion.forcing_error import ForcingError
 from drift.motion.itinerary import Itinerary
 from drift.motion.period import Period
 from drift.particles.ensemble import NEVER, Column, Device, Ensemble
+from drift.particles.status import Status
+from geo import sphere
 from geo.array import Array
 from kernels import advance as kernel
 from kernels import batch, felt, listen_targets, observe_targets, runtime, steer, sweep_targets
@@ -278,6 +280,26 @@ def columns(ensemble: Ensemble) -> dict[str, Device]:
     """Return the columns that the kernel takes, by name."""
     every = ensemble.columns
     return {name: every[name] for name in steer.COLUMNS}
+
+
+def place(ensemble: Ensemble, slots: Array, new: Mapping[str, Array], time: int) -> None:
+    """Place targets that keep a course anew, under way at a time at which a step ends [s after start].
+
+    slots: (m,); new: lon, lat, course [rad], speed [m/s], change [s after start]: when those change their course next whose own time
+    for it is past. The others keep theirs: it has no memory.
+    """
+    every = ensemble.columns
+    due = every["to_time"].to_numpy()[slots]
+    values = {
+        "lon": sphere.to_binary(np.degrees(new["lon"])), "lat": sphere.to_binary(np.degrees(new["lat"])),
+        "course": new["course"], "speed": new["speed"], "to_time": np.where(due > time, due, new["change"]),
+        "status": int(Status.UNDER_WAY), "edge": -1,
+        "departure": np.minimum(every["departure"].to_numpy()[slots], time),
+    }  # fmt: skip
+    for name, own in values.items():
+        column = every[name].to_numpy()
+        column[slots] = own
+        every[name].from_numpy(column)
 
 
 def draw(ensemble: Ensemble, steering: Steering, coast: DeviceCoast | None) -> Array:

@@ -36,14 +36,24 @@ class Trial:
 
 
 def clock_of(
-    period: Period, spec: ClockSpec, errors: Errors, sources: Sequence[Source], ensemble: Ensemble, scene: Scene
-) -> tuple[Clock, Trial | None]:
+    period: Period, spec: ClockSpec, errors: Errors, sources: Sequence[Source], ensemble: Ensemble, scene: Scene,
+    ends: Sequence[np.datetime64] = (),
+) -> tuple[Clock, Trial | None]:  # fmt: skip
     """Return the clock, on the lattice of the forcing's times, and why its step was chosen.
 
-    The step is the one asked for, or the largest whose error is small. sources: of all forcing.
+    The step is the one asked for, or the largest whose error is small. sources: of all forcing. ends: times at
+    which a step has to end, those of contacts at which particles are placed anew.
     """
     times = [notation.epochs(s.times) for s in sources if s.times.size > 1]
     divisor, origin = lattice(times)
+    divisor = int(
+        np.gcd.reduce([divisor, *(abs(int(end) - origin) for end in notation.epochs(np.array(ends, "M8[s]")))])
+    )
+    if spec.step is not None and divisor % spec.step and ends:
+        raise UserError(
+            f"clock.step: {spec.step} s: where particles are placed anew at contacts ([resampling]) a step has to end at each; give a "
+            f'divisor of {divisor} s, "auto", or contacts at rounder times'
+        )
     start, duration, direction = period.epoch, period.duration, period.direction
     limits = {
         **{reason: longest for model, _ in scene.motions for reason, longest in model.longest(errors).items()},

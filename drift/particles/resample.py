@@ -87,8 +87,12 @@ class Method(NamedTuple):
     keeps: bool = False
 
 
+DUPLICATES = Method(_duplicates, lambda number: number, keeps=True)
 METHODS = {
-    "duplicates": Method(_duplicates, lambda number: number, keeps=True),
+    "duplicates": DUPLICATES,
+    **dict.fromkeys(
+        ("position", "course", "combined"), DUPLICATES
+    ),  # besides what drift.search.filling does at contacts
     "systematic": Method(
         lambda weight, number, random: systematic(weight, number, random.random()), lambda number: number
     ),

@@ -98,6 +98,15 @@ class Account:
         ess = weights.weighed(log_weight, layout.blocks).ess
         self.updates[-1] = replace(self.updates[-1], ess_resampled=ess, distinct=distinct)
 
+    def filled(self, log_weight: Array, layout: Layout) -> None:
+        """Take down that particles were placed anew after the last update, which was a contact: their log weights (n,)."""
+        ess = weights.weighed(log_weight, layout.blocks).ess
+        self.updates[-1] = replace(self.updates[-1], ess_resampled=ess, filled="contact")
+
+    def lost(self) -> None:
+        """Take down that the last update left so few particles that the track is lost."""
+        self.updates[-1] = replace(self.updates[-1], filled="lost")
+
     def _found(self, update: Update, event: Event, top: float) -> Update:
         """Return an update with what is told of a sortie that found nothing; top: largest log weight before it."""
         pos = np.nan_to_num(-np.expm1(update.log_evidence))  # a scenario that had no weight finds nothing

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from drift.motion import steer
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.scene import Begin, Scene
 from drift.motion.simulate import PositionsAt
@@ -25,10 +26,11 @@ from drift.particles.columns import Columns
 from drift.particles.ensemble import Ensemble
 from drift.particles.status import STRANDED, Status, on_map
 from drift.search import contacts as contact_laws
-from drift.search import crossings, debris, heard, looks, overdue, sight
+from drift.search import crossings, debris, filling, heard, looks, overdue, sight
 from drift.search.account import Account, Event, Noted
 from drift.search.crossings import Watched
 from drift.search.exposure import SortieExposure
+from drift.search.filling import Cloud, Filling
 from drift.search.heard import Sent
 from drift.search.listening import Listening
 from drift.search.markers import Marker
@@ -38,6 +40,7 @@ from drift.search.records import NO_SENSORS, Contact, Heard, Kind, Look, Resampl
 from drift.search.sight import Targets
 from drift.search.updates import Updates
 from drift.sensors import unknown
+from geo import sphere
 from geo.array import Array
 from kernels import runtime
 from kernels.advance import Step
@@ -113,6 +116,10 @@ class Search:
         # from which each descends, and "ancestors", of those at the last output; without a column: itself.
         self._held = {"unsearched": OnHost(first.astype(np.float64))}
         self._happened = False  # whether anything took effect in the present step
+        self._contradicted = np.zeros(0, bool)  # particles that the last contact leaves nothing (n,)
+        self._filling: Filling | None = None
+        if resampling.fills:
+            self._filling = filling.of_run(resampling, spec, scene.place.coast)
         if meeting is None:
             self._account = Account(spec, noted)
             self._account.begin(Columns.held(ensemble.blocks, {"log_weight": first}))
@@ -243,6 +250,8 @@ class Search:
         for when, number, contact in [c for c in self._contacts if c[0] == time]:
             self._contacts.remove((when, number, contact))
             self._see(contact, number, time, place)
+            if self._filling is not None and filling.bounded(contact):
+                self._fill(self._filling, contact, number, time)
         for when, look in [c for c in self._looks if c[0] == time]:
             self._looks.remove((when, look))
             self._look(look, time, place)
@@ -254,6 +263,26 @@ class Search:
             likelihood = seen.likelihood(seen.ready(self.ensemble.n), over=True)
             assert likelihood is not None
             self._tell(seen.what.name, seen.kind, time, likelihood, seen.positive)
+
+    def _fill(self, how: Filling, contact: Contact, number: int, time: int) -> None:
+        """Place particles anew that a contact at the end of a step rules out, if it leaves too few."""
+        e, own = self.ensemble, self.ensemble.columns
+        lon, lat = (own[name].to_numpy() * sphere.UNIT for name in ("lon", "lat"))
+        cloud = Cloud(lon, lat, own["speed"].to_numpy().astype(np.float64), e.log_weight.to_numpy().astype(np.float64))
+        placed = how.anew(contact, number, time, cloud, self._contradicted, e.layout)
+        if placed is None:
+            return
+        steer.place(e, placed.slots, vars(placed), time)
+        before = e.log_weight.to_numpy()
+        new = placed.log_weight.astype(np.float32)
+        e.log_weight.from_numpy(new)
+        unsearched = self._held["unsearched"].values + new - before
+        unsearched[placed.slots] = new[placed.slots]  # nothing was searched where they are
+        self._held["unsearched"].values = unsearched
+        if "never" in self._held:
+            self._held["never"].values[placed.slots] = 1
+        assert isinstance(self._meeting, Alone)
+        self._meeting.account.filled(new, e.layout)
 
     def _forget(self, key: tuple[str, float]) -> None:
         """Let go of the misses of a group of which nobody is to come."""
@@ -300,6 +329,7 @@ class Search:
         if contact.moves:
             likelihood = likelihood + contact_laws.log_motion(contact, *self._velocity(time))
         likelihood = np.where(on_map(status), likelihood, -np.inf)
+        likelihood = self._allowed(contact, likelihood, unit)
         doubted, unit = self._doubted(contact, number, time, likelihood, likelihood, unit)
         self._tell(contact.name, "contact", time, doubted - unit, positive=True, unit=unit)
 
@@ -321,9 +351,16 @@ class Search:
         if sent is not None and own.tone:
             self._learn(own.tone, heard.learned(contact, targets, sent))
         said = said - unit
-        told = sight.together(said, shared, chances) if many > 1 else said[0]
+        told = self._allowed(contact, sight.together(said, shared, chances) if many > 1 else said[0], 0.0)
         self._tell(contact.name, "contact", time, told, positive=True, unit=unit)
         self._forget(key)
+
+    def _allowed(self, contact: Contact, likelihood: Array, unit: float) -> Array:
+        """Return the log likelihoods of a contact (n,), with a floor above its `unit` where particles are placed anew at contacts."""
+        if self._filling is None or not filling.bounded(contact):
+            return likelihood
+        self._contradicted = likelihood - unit <= filling.FLOOR
+        return np.maximum(likelihood, unit + filling.FLOOR)
 
     def _doubted(
         self, contact: Contact, number: int, time: int, said: Array, likelihood: Array, unit: float

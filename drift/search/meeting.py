@@ -56,18 +56,26 @@ class Redrawing:
     def anew(self, log_weight: Array, layout: Layout, events: int) -> Drawn | None:
         """Return the particles drawn anew by their log weights (n,) after so many events; None: they need not be."""
         scenarios = list(zip(layout.bounds[:-1], layout.bounds[1:], strict=True))
-        if resample.METHODS[self._rule.method].keeps:
-            weight = weights.relative(log_weight)
-            left = sum(float(resample.survivors(weight[first:last]).sum()) for first, last in scenarios if last > first)
-        else:
-            left = weights.weighed(log_weight, layout.blocks).ess
-        if left >= self._rule.below * sum(self.target):
+        left = self._left(log_weight, layout)
+        if left >= self._rule.below * sum(self.target) or self.lost(log_weight, layout):
             return None
         seeds = self._seed, events
         if self._rule.across:
             ancestors, new, bounds = resample.across(log_weight, scenarios, layout.bounds[-1], seeds)
             return Drawn(ancestors, new, np.zeros(len(new), bool), Layout(bounds, bounds[:-1], layout.block))
         return Drawn(*resample.offspring(log_weight, scenarios, self.target, self._rule.method, seeds), layout)
+
+    def lost(self, log_weight: Array, layout: Layout) -> bool:
+        """Return whether so few particles are left that the track is lost: nothing is made of them until a contact is."""
+        return self._rule.fills and self._left(log_weight, layout) < self._rule.bulk * sum(self.target)
+
+    def _left(self, log_weight: Array, layout: Layout) -> float:
+        """Return how many particles count, as the method counts them."""
+        if not resample.METHODS[self._rule.method].keeps:
+            return weights.weighed(log_weight, layout.blocks).ess
+        weight = weights.relative(log_weight)
+        scenarios = zip(layout.bounds[:-1], layout.bounds[1:], strict=True)
+        return sum(float(resample.survivors(weight[first:last]).sum()) for first, last in scenarios if last > first)
 
 
 class Alone:
@@ -95,6 +103,8 @@ class Alone:
         if events == self._events:
             return None
         self._events = events
+        if self._redrawing.lost(log_weight, layout):
+            self.account.lost()
         return self._redrawing.anew(log_weight, layout, events)
 
     def drawn(self, log_weight: Array, lineage: Array, layout: Layout) -> None:

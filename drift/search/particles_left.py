@@ -10,15 +10,24 @@ from drift.search.updates import Update, Updates
 
 def of_run(data: Any, particles: int, updates: Updates | None) -> list[str]:
     """Return warnings of few particles: after which update, at which outputs, and of which parts at the end."""
+    lost = [_lost(update) for update in updates.all if update.filled == "lost"] if updates else []
     update = first_low(updates) if updates else None
     if update is None:
-        return effective.of_run(data, particles)
+        return lost + effective.of_run(data, particles)
     low = Count(update.ess_after, particles)
     anew = "" if update.resampled else ", or [resampling] below = 0.05"
     when = f"{after(update)} ({Count(update.ess_before).number:,.0f} before it)"
     words = effective.sentence(low, when, "areas and shares after it are rough")
     warning = f"{words}. Check it; else give {enough(low):,} particles or more{anew}"
-    return [warning, *effective.of_run(data, particles, update.time, update.ess_after)]
+    return [*lost, warning, *effective.of_run(data, particles, update.time, update.ess_after)]
+
+
+def _lost(update: Update) -> str:
+    """Return a warning of an update that lost the track."""
+    return (
+        f"The track is lost {after(update)}: it leaves fewer particles than [resampling] bulk. Maps after it show what little is "
+        "left, until a contact places particles anew; search wider, or give a smaller bulk"
+    )
 
 
 def enough(low: Count) -> int:

@@ -308,6 +308,15 @@ class PlanSpec:
 class Resampling:
     """When and how particles are drawn anew in proportion to their weights."""
 
-    method: Literal["systematic", "kahn", "duplicates"] = "systematic"
+    method: Literal["systematic", "kahn", "duplicates", "position", "course", "combined"] = "systematic"
     below: float = 0.0  # share of the particles; with fewer effective ones, or survivors, they are drawn anew; 0: never
     across: bool = False  # whether slots may go from one scenario to another, or each keeps its own
+    bulk: float = (
+        0.0  # share of survivors below which a contact places particles anew, and silence loses the track; 0: never
+    )
+    fastest: float = 0.0  # [m/s] of what is placed anew
+
+    @property
+    def fills(self) -> bool:
+        """Whether particles are placed anew at contacts."""
+        return self.bulk > 0

@@ -41,6 +41,7 @@ HEADER = [
     "ess_after",
     "resampled",
     "ess_resampled",
+    "filled",
     "distinct",
     "run_id",
 ]
@@ -77,6 +78,7 @@ def csv(updates: Updates, run: str) -> str:
                     _text(update.ess_after),
                     "yes" if update.resampled else "no",
                     "" if update.ess_resampled is None else _text(update.ess_resampled),
+                    update.filled,
                     _text(update.distinct),
                     run,
                 ]
@@ -153,6 +155,7 @@ def _update(updates: Updates, update: Update, before: Array) -> dict[str, Any]:
         "ess_after": update.ess_after,
         "resampled": update.resampled,
         "ess_resampled": update.ess_resampled,
+        "filled": update.filled,
         "distinct": update.distinct,
     }
     if update.kind == "sortie":

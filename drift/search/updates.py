@@ -1,6 +1,7 @@
 """What each sortie, contact and sensor did to the probability: the record behind tables, pictures and the debrief."""
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -33,6 +34,8 @@ class Update:
     cumulative: Array | None = None  # 1 - product of (1 - pos) over the sorties so far
     ess_resampled: float | None = None  # after particles were drawn anew, if they were
     standing: Standing | None = None  # how the search stands then
+    # "contact": particles were placed anew where it may have been; "lost": it left too few for a track; "": neither
+    filled: Literal["", "contact", "lost"] = ""
     distinct: float = 1.0  # share of the original particles that still have descendants, after this update
 
     @property

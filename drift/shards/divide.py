@@ -77,6 +77,13 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
         )
     if shards is not None and not isinstance(shards, int):
         raise UserError(f"--shards {shards}: give a whole number")
+    if case.resampling.fills:
+        if shards not in (None, 1) or workers:
+            raise UserError(
+                f'[resampling] method = "{case.resampling.method}" goes by an estimate of all particles: run it in one piece, without '
+                "--shards, --workers or --cluster"
+            )
+        return 1
     spill = case.spill
     weighed = (BASE + (WEIGHED + TOLD * case.outputs.size) * spill.worlds) / GIB if spill else 0.0
     if spill and memory is not None and memory < weighed:

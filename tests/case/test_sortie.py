@@ -685,7 +685,12 @@ UNITS = {
         '[resampling]\nmethod = "duplicates"\nbelow = 0.5\nacross_scenarios = true\n',
         "what is left of a scenario keeps its slots",
     ),
-    "a filling of clouds": ('[resampling]\nmethod = "combined"\n', "it is fill of a tracking case"),
+    "what is placed anew at no speed": ('[resampling]\nmethod = "combined"\nbelow = 0.5\n', "needs fastest"),
+    "what is placed anew and never duplicated": (
+        '[resampling]\nmethod = "position"\nfastest = "9 kn"\n',
+        "needs 0 < bulk <= below, and bulk is 0.1, below 0",
+    ),
+    "a bulk of duplicates": ('[resampling]\nmethod = "duplicates"\nbulk = 0.1\n', "bulk: of method"),
     "slots that never change hands": ("[resampling]\nacross_scenarios = true\n", "needs below, such as 0.5"),
     "another resampling": ('[resampling]\nmethod = "residual"\n', "'residual' is not allowed"),
 }
