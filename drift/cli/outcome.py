@@ -1,6 +1,6 @@
 """What a run came to, in a few lines for a terminal: facts by name, in the order in which they are read."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -243,11 +243,18 @@ def _search(numbers: dict[str, Any]) -> Facts:
             )
         else:
             facts[f'{update["kind"]} "{update["name"]}"'] = (
-                f"{Count(update['ess_after']).words} after it, {update['ess_before']:,.0f} before"
+                f"{Count(update['ess_after']).words} after it, {update['ess_before']:,.0f} before{_filled(update)}"
             )
     for line in numbers.get("search", {}).get("lines", ()):
         facts[f'line "{line["name"]}"'] = f"crossed with {_percent(line['probability']['all'])}"
     return facts
+
+
+def _filled(update: Mapping[str, Any]) -> str:
+    """Return what became of the particles after a contact or silence, where they are placed anew at contacts."""
+    if update["filled"] == "contact":
+        return f"; placed anew, of which {update['ess_resampled']:,.0f} count"
+    return "; the track is lost" if update["filled"] == "lost" else ""
 
 
 def _ashore(update: dict[str, Any]) -> str:

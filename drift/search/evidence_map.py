@@ -275,7 +275,7 @@ def _rows(
         what = update.name if update.kind in ("sortie", "overdue") else f"{page.fit(update.name, 18)} ({update.kind})"
         write(beside, k - 0.15, f"{number}  {page.fit(what, 28)}", 9, weight="bold", ha="right")
         pos = "" if update.pos is None else f", POS {labels.percent(float(update.pos[-1]))}"
-        left = effective.Count(update.ess_after)
+        left = effective.Count(update.left)
         if left.few:
             write(beside, k + 0.21, f"{notation.group(update.time)}, {left.words}", 7.5, layers.LAST_KNOWN, ha="right")
         else:

@@ -279,8 +279,10 @@ class Search:
         unsearched = self._held["unsearched"].values + new - before
         unsearched[placed.slots] = new[placed.slots]  # nothing was searched where they are
         self._held["unsearched"].values = unsearched
-        if "never" in self._held:
-            self._held["never"].values[placed.slots] = 1
+        for name, values in (("never", 1), ("lineage", placed.slots)):  # they descend from nobody
+            if name in self._held:
+                self._held[name].values = self._held[name].values.copy()  # an output may hold the old ones
+                self._held[name].values[placed.slots] = values
         assert isinstance(self._meeting, Alone)
         self._meeting.account.filled(new, e.layout)
 

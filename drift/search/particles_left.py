@@ -14,12 +14,12 @@ def of_run(data: Any, particles: int, updates: Updates | None) -> list[str]:
     update = first_low(updates) if updates else None
     if update is None:
         return lost + effective.of_run(data, particles)
-    low = Count(update.ess_after, particles)
+    low = Count(update.left, particles)
     anew = "" if update.resampled else ", or [resampling] below = 0.05"
     when = f"{after(update)} ({Count(update.ess_before).number:,.0f} before it)"
     words = effective.sentence(low, when, "areas and shares after it are rough")
     warning = f"{words}. Check it; else give {enough(low):,} particles or more{anew}"
-    return [*lost, warning, *effective.of_run(data, particles, update.time, update.ess_after)]
+    return [*lost, warning, *effective.of_run(data, particles, update.time, update.left)]
 
 
 def _lost(update: Update) -> str:
@@ -43,12 +43,12 @@ def enough(low: Count) -> int:
 
 def first_low(updates: Updates) -> Update | None:
     """Return the first sortie or contact after which few particles count; all later ones depend on these."""
-    return next((update for update in updates.all if Count(update.ess_after).few), None)
+    return next((update for update in updates.all if Count(update.left).few), None)
 
 
 def lowest(updates: Updates, particles: int | None = None) -> Count:
     """Return how many particles count for the evidence: the fewest after any update, for copies add nothing."""
-    return Count(min((update.ess_after for update in updates.all), default=0.0), particles)
+    return Count(min((update.left for update in updates.all), default=0.0), particles)
 
 
 def after(update: Update) -> str:

@@ -44,6 +44,11 @@ class Update:
         return self.ess_resampled is not None
 
     @property
+    def left(self) -> float:
+        """How many particles count from it on: copies add nothing, but what is placed anew does."""
+        return self.ess_after if self.ess_resampled is None or self.filled != "contact" else self.ess_resampled
+
+    @property
     def pod(self) -> Array | None:
         """Probability of detection, given that the object was where the sortie searched: POS / POC."""
         if self.pos is None or self.poc is None:
