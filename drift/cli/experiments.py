@@ -46,6 +46,18 @@ def track(given: argparse.Namespace) -> Answer:
     return Answer(found.held.study.title, text.facts(found), lines, {"track": text.numbers(found)}, out)
 
 
+def checked(given: argparse.Namespace) -> Answer:
+    """Validate a tracking case."""
+    from drift.case import tracking
+    from drift.tracker import said
+
+    changes = take.changed(given.changes)
+    if given.seed is not None:
+        changes["seed"] = str(given.seed)
+    study = tracking.load(given.case, changes)
+    return Answer(f"{study.title}: ready to run", said.facts(study), numbers={"ready": True})
+
+
 def _variant(text: str) -> tuple[str, dict[str, str]]:
     """Return name and changes of "NAME: KEY=VALUE; KEY=VALUE"."""
     name, colon, changes = text.partition(":")

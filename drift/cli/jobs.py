@@ -144,6 +144,12 @@ def fit_errors(given: argparse.Namespace) -> Answer:
 def check(given: argparse.Namespace) -> Answer:
     """Validate a case and its forcing without running."""
     with interrupt.leaving_at_once():  # nothing is written
+        from drift.case import tracking
+
+        if tracking.is_one(given.case):
+            from drift.cli import experiments
+
+            return experiments.checked(given)
         case = take.case(given.case, given.changes, given.seed)
         from drift.preview import check
 

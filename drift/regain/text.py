@@ -30,7 +30,9 @@ def facts(found: Regained) -> dict[str, str]:
     who = held.study.sensors[int(seen.sensor[-1])].name
     told = {"last detection": f"{notation.group(moment(found, seen.time[-1]))} by {who}; {len(seen.time)} in all"}
     for time, regions in found.areas:
-        told[notation.group(moment(found, time))] = _state(found, time, regions)
+        when = moment(found, time)
+        minute = notation.group(when)
+        told[notation.iso(when) if minute in told else minute] = _state(found, time, regions)
     if found.chased is not None:
         told["path"] = _path(found)
     if held.lost:

@@ -1,0 +1,102 @@
+"""How a tracking case was understood, in words."""
+
+import math
+
+import numpy as np
+
+from drift.tracker import path
+from drift.tracker.detections import Detections
+from drift.tracker.records import Behaviour, Plan, Sensor, Tracker
+from drift.tracker.study import Scene, Study
+from geo import notation, sphere
+from geo.array import Array
+from geo.notation import KNOT, NMI
+
+
+def facts(study: Study) -> dict[str, str]:
+    """Return a line for each part of a tracking case, by its name."""
+    told = {"time": f"{_moment(study, 0.0)} to {_moment(study, study.end)}, figures every {_lasting(study.every)}"}
+    told["cloud"] = f"{study.size:,} particles, seed {study.seed}"
+    if isinstance(study.target, Scene):
+        told["target"] = _target(study.target)
+        told["runs"] = f"{study.runs:,}"
+    else:
+        told["detections"] = _detections(study, study.target)
+    told["tracker"] = _way(study.tracker.place, study.tracker.rate)
+    told |= {f'sensor "{sensor.name}"': _sensor(sensor) for sensor in study.sensors}
+    told |= {f'way of following "{method.name}"': _method(method) for method in study.methods}
+    if (chase := study.pursuit) is not None:
+        told["pursuit"] = (
+            f"to {chase.aim} it, from {notation.position(*np.degrees(chase.start))} at {_moment(study, chase.begin)}, "
+            f"{chase.steps} looks every {_lasting(chase.interval)}, {chase.speed / KNOT:g} kn, within {chase.reach / NMI:g} nmi"
+        )
+    return told
+
+
+def _moment(study: Study, seconds: float) -> str:
+    return notation.group(np.datetime64(notation.epoch(study.start) + round(seconds), "s"))
+
+
+def _lasting(seconds: float) -> str:
+    return f"{seconds / 60:g} min" if seconds >= 60 else f"{seconds:g} s"
+
+
+def _way(place: Array, rate: Array) -> str:
+    """Return where a way begins, and how fast it is."""
+    lon, lat = path.degrees(place[0])
+    speed = rate * sphere.RADIUS / KNOT
+    if not len(speed) or speed.max() < 0.005:
+        return f"stays at {notation.position(float(lon), float(lat))}"
+    low, high = f"{speed.min():.3g}", f"{speed.max():.3g}"
+    return f"from {notation.position(float(lon), float(lat))}, {low if low == high else f'{low} to {high}'} kn"
+
+
+def _target(scene: Scene) -> str:
+    words = _way(scene.way.place, scene.way.rate)
+    if scene.radiates is not None:
+        words += f"; its radar {_on(scene.radiates)}"
+    return words + (f"; then it {_behaviour(scene.acts)}" if scene.acts is not None else "")
+
+
+def _detections(study: Study, found: Detections) -> str:
+    counts = [int((found.sensor == k).sum()) for k in range(len(study.sensors))]
+    each = ", ".join(f"{n} by {sensor.name}" for n, sensor in zip(counts, study.sensors, strict=True))
+    return f"{len(found.time)}, {_moment(study, found.time[0])} to {_moment(study, found.time[-1])}: {each}"
+
+
+def _sensor(sensor: Sensor) -> str:
+    bearing = (
+        "any bearing" if sensor.bearing_error >= math.pi else f"bearing +- {math.degrees(sensor.bearing_error):g} deg"
+    )
+    words = f"to {sensor.reach / NMI:g} nmi, range +- {100 * sensor.range_share:g} %, {bearing}"
+    if sensor.hears:
+        return f"{words}; hears what radiates, its silence tells nothing"
+    return f"{words}; sweeps every {sensor.interval:g} s, {_on(sensor.on)}"
+
+
+def _on(plan: Plan) -> str:
+    if plan.begin == math.inf or plan.lasting == 0:
+        return "off"
+    if plan.lasting == math.inf:
+        return "on" if plan.begin == 0 else f"on from +{_lasting(plan.begin)}"
+    again = f" every {_lasting(plan.every)}" if plan.every < math.inf else ""
+    return f"on for {_lasting(plan.lasting)}{again} from +{_lasting(plan.begin)}"
+
+
+def _method(method: Tracker) -> str:
+    filling = method.filling
+    return (
+        f"{_behaviour(method.behaviour)}; below {100 * filling.partial:g} % duplicated, below {100 * filling.bulk:g} % drawn anew by "
+        f"{filling.method} or lost"
+    )
+
+
+def _behaviour(law: Behaviour) -> str:
+    """Return what particles do, and how often."""
+    most = f"up to {law.fastest / KNOT:g} kn"
+    if law.acts is None:
+        return f"keeps course and speed, {most}"
+    chances = (("changes", law.change), ("seeks", law.seek), ("hides", law.hide))
+    each = ", ".join(f"{what} with {100 * chance:g} %" for what, chance in chances if chance > 0)
+    soonest, latest = law.acts
+    return f"{each or 'keeps course and speed'} every {_lasting(soonest)} to {_lasting(latest)}, {most}"
