@@ -92,7 +92,7 @@ class Filling:
     def anew(
         self, contact: Contact, number: int, time: int, cloud: Cloud, contradicted: Array, layout: Layout
     ) -> Placed | None:
-        """Return who is placed anew after a contact; None: nobody has to be.
+        """Return who is placed anew after a contact; None: nobody has to be. Nobody is where it is ashore.
 
         number: of the contact in the case; time: of it [s after start]; cloud: after it; contradicted: whom it leaves nothing,
         bool (n,).
@@ -104,8 +104,8 @@ class Filling:
         placed = None
         if left.sum() < self._rule.bulk * len(left):
             placed = self._placed(contact, number, time, cloud, left, scenarios)
-        after = cloud if placed is None else changed(cloud, placed)
-        self._last = estimate(after, time)
+        if placed is None or placed.slots.size:
+            self._last = estimate(cloud if placed is None else changed(cloud, placed), time)
         return placed
 
     def _placed(

@@ -272,18 +272,22 @@ class Search:
         placed = how.anew(contact, number, time, cloud, self._contradicted, e.layout)
         if placed is None:
             return
+        assert isinstance(self._meeting, Alone)
+        if not placed.slots.size:  # it is ashore
+            self._meeting.account.lost()
+            return
         steer.place(e, placed.slots, vars(placed), time)
         before = e.log_weight.to_numpy()
         new = placed.log_weight.astype(np.float32)
         e.log_weight.from_numpy(new)
-        unsearched = self._held["unsearched"].values + new - before
+        with np.errstate(invalid="ignore"):  # what finds no water has no weight before or after
+            unsearched = np.where(new > -np.inf, self._held["unsearched"].values + new - before, -np.inf)
         unsearched[placed.slots] = new[placed.slots]  # nothing was searched where they are
         self._held["unsearched"].values = unsearched
         for name, values in (("never", 1), ("lineage", placed.slots)):  # they descend from nobody
             if name in self._held:
                 self._held[name].values = self._held[name].values.copy()  # an output may hold the old ones
                 self._held[name].values[placed.slots] = values
-        assert isinstance(self._meeting, Alone)
         self._meeting.account.filled(new, e.layout)
 
     def _forget(self, key: tuple[str, float]) -> None:

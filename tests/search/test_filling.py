@@ -268,3 +268,27 @@ def test_nothing_is_placed_on_land(tmp_path):
         on_land = np.degrees(np.arctan2(place[:, 1], place[:, 0])) % 360 < 179.7 - 1e-6
         assert bool(on_land.mean() > 0.2) == dry
         assert dry or not on_land.any()
+
+
+def test_what_finds_no_water_stays_ruled_out(tmp_path):
+    """A second contact ashore places nobody, and the third finds all again."""
+    (tmp_path / "coast.geojson").write_text(
+        '{"type": "Polygon", "coordinates": [[[179.0, -61.6], [179.5, -61.6], [179.5, -60.5], [179.0, -60.5], [179.0, -61.6]]]}'
+    )
+    ashore = """
+[[contact]]
+name = "ashore"
+time = "+30 min"
+position = { at = [179.2, -61.1], std = "300 m" }
+"""
+    case = CASE.replace('coast.source = "none"', 'coast.source = "coast.geojson"')
+    result = run(
+        tmp_path,
+        "combined",
+        case=case.replace("[[scenario.phase]]", 'vessel.land = "stop"\n[[scenario.phase]]') + ashore,
+    )
+    assert [update.filled for update in result.updates.all] == ["", "lost", "contact"]
+    _, weight = vectors(result.trajectories, 45)
+    assert np.isfinite(weight).all()
+    assert (weight > 0).mean() > 0.9
+    assert np.isfinite(result.updates.log_evidence)
