@@ -15,8 +15,10 @@ from kernels.prior import inside_ring
 
 # Numbers in a row of each table of a `Plan`.
 STORY, STORY_LAW, PHASE, PHASE_LAW, POINT, POINT_LAW = 5, 5, 9, 18, 11, 14
+BEHAVIOUR, VERTEX_IN_TIME = 8, 3
 
-WAY, COURSE, LOITER = range(3)  # kinds of phases
+WAY, COURSE, LOITER, ACTS = range(4)  # kinds of phases
+FREE, SEEKING, HIDING = range(1, 4)  # what a target that acts is about: its leg
 NORMAL, BOX, DISC, RING, ACROSS, ASIDE = range(6)  # laws of a way point's place
 BY_SPEED, AT_TIME, NORMAL_TIME = range(3)  # laws of its time
 
@@ -41,7 +43,7 @@ Plan = ti.types.argpack(
     story_laws=Reals,
     # By phase: kind; first way point, those all targets pass, destinations to choose from after them; first vertex of a
     # ring, its vertices; when it is over [s], how long it lasts at most [s]; when it starts at the earliest [s], for
-    # times of way points; spare.
+    # times of way points; row of its behaviour.
     phases=Ints,
     # By phase: course [rad] (4), speed [m/s] (4), start after the earliest [s] (4): see spreads.triangle; mean time
     # between changes of course [s], 0: none; mean length of a leg [m]; K [m/sqrt(s)], standard deviation of its
@@ -57,6 +59,11 @@ Plan = ti.types.argpack(
     point_laws=Reals,
     # lon, lat of rings
     vertices=Ints,
+    # By behaviour: least and longest time between acts [s]; probability to change, to seek, to hide and to leave that;
+    # sector on either side in which one hides [rad]; highest speed [m/s]. Its phase's vertices are those of `tracks`.
+    behaviours=Reals,
+    # By vertex of the trackers' ways: time [s], ascending in each; lon, lat
+    tracks=Ints,
 )
 
 
@@ -68,7 +75,7 @@ class Target:
     lat: ti.i32
     time: ti.i32  # [s]
     phase: ti.i32  # number in the `Plan`
-    leg: ti.i32  # number of the next way point; of a loiter, see `_loiter`
+    leg: ti.i32  # number of the next way point; of a loiter, see `_loiter`; of what acts, FREE, SEEKING or HIDING
     to_lon: ti.i32
     to_lat: ti.i32
     to_time: ti.i32  # [s] when the way point is reached, or the course is changed
@@ -245,6 +252,21 @@ def when(plan: ti.template(), point: ti.i32, start: ti.i32, word: ti.u32, other:
 
 
 @ti.func
+def set_at(target: Target, time: ti.i32):
+    """Return (dlon, dlat) [binary angle] by which the current has set a target off its reckoned way at a time [s]."""
+    lasting = ti.cast(time - target.set_since, ti.f32)
+    dlon = target.set_lon + ti.cast(ti.round(target.rate_lon * lasting), ti.i32)
+    return dlon, target.set_lat + ti.cast(ti.round(target.rate_lat * lasting), ti.i32)
+
+
+@ti.func
+def on_course(plan: ti.template(), phase: ti.i32) -> ti.i32:
+    """Return whether a phase keeps a course from one event to the next: a rhumb line."""
+    kind = plan.phases[phase * PHASE]
+    return kind == COURSE or kind == ACTS
+
+
+@ti.func
 def aim(coastal: ti.i32, plan: ti.template(), key: Chance, story: ti.i32, target: Target, coast: ti.template()):
     """Return a target that has reached its way point with the next one drawn; over: there is none."""
     t = target
@@ -272,6 +294,8 @@ def aim(coastal: ti.i32, plan: ti.template(), key: Chance, story: ti.i32, target
                 t.phase, t.leg, settling = t.phase + 1, 0, 1
             elif kind == COURSE:
                 t = _course(plan, key, t)
+            elif kind == ACTS:
+                t = _act(plan, key, t)
             else:
                 point = -1
                 w = settled(key, t.phase, 0)
@@ -350,6 +374,94 @@ def _course(plan: ti.template(), key: Chance, target: Target):
             t.to_time = t.time + ti.max(ti.cast(ti.round(wait), ti.i32), 1)
     t.to_lon, t.to_lat, t.leg = t.lon, t.lat, 1
     return t
+
+
+@ti.func
+def _act(plan: ti.template(), key: Chance, target: Target):
+    """Return a target that has acted, and when it acts next.
+
+    It keeps its course, takes any other at any speed, or seeks or hides from then on: at each of its acts it aims where it
+    would meet the tracker, who is taken to keep its course, or about the reciprocal of the bearing to it (Borovies 2007,
+    Naval Postgraduate School, hdl.handle.net/10945/3648, figure 50). kernels.clouds does the same for a tracker's clouds.
+    """
+    t = target
+    row = plan.phases[t.phase * PHASE + 8] * BEHAVIOUR
+    w = drawn(key, 0)
+    if t.leg == 0:
+        own = first(key, t.phase)
+        t.course, t.speed, _word = course_of(plan, own, t.phase)
+        t.leg, w = FREE, drawn(own, 2)
+    else:
+        was, choice = t.leg, noise.uniform(w[0])
+        hide, seek = plan.behaviours[row + 4], plan.behaviours[row + 3]
+        if was != FREE:
+            if choice < plan.behaviours[row + 5]:
+                t.leg = FREE
+        elif choice > 1.0 - hide:
+            t.leg = HIDING
+        elif choice > 1.0 - hide - seek:
+            t.leg = SEEKING
+        elif choice < plan.behaviours[row + 2]:
+            t.course = 6.283185307179586 * noise.uniform(w[1])
+            t.speed = plan.behaviours[row + 7] * noise.uniform(w[2])
+        if t.leg != FREE:
+            t.course = _reaction(plan, t, row, noise.uniform(w[1]))
+    soonest, latest = plan.behaviours[row], plan.behaviours[row + 1]
+    wait = soonest + (latest - soonest) * noise.uniform(w[3])
+    t.to_time = t.phase_end
+    if wait < ti.cast(t.phase_end - t.time, ti.f32):
+        t.to_time = t.time + ti.max(ti.cast(ti.round(wait), ti.i32), 1)
+    t.to_lon, t.to_lat = t.lon, t.lat
+    return t
+
+
+@ti.func
+def _reaction(plan: ti.template(), t: Target, row: ti.i32, uniform: ti.f32) -> ti.f32:
+    """Return the course [rad] of a target that seeks or hides, as it sees its tracker now."""
+    x, y, pace = tracker_at(plan, plan.phases[t.phase * PHASE + 4], plan.phases[t.phase * PHASE + 5], t.time)
+    dlon, dlat = set_at(t, t.time)
+    sight = sphere.offset(t.lon + dlon, t.lat + dlat, x, y)
+    course = ti.atan2(sight[0], sight[1])
+    if t.leg == HIDING:
+        course += 3.141592653589793 + (2.0 * uniform - 1.0) * plan.behaviours[row + 6]
+    else:
+        # What is across the line of sight must be the same for both: then the bearing stays and they meet.
+        back = sphere.offset(x, y, t.lon + dlon, t.lat + dlat)
+        far = ti.sqrt(back[0] * back[0] + back[1] * back[1])
+        lead = (pace[1] * back[0] - pace[0] * back[1]) / ti.max(far * t.speed, 1e-6)
+        if ti.abs(lead) < 1.0:
+            course += ti.asin(lead)
+    return course
+
+
+@ti.func
+def tracker_at(plan: ti.template(), vertex: ti.i32, many: ti.i32, time: ti.i32):
+    """Return (lon, lat, velocity east and north [m/s]) of a tracker at a time [s]; before and after its way it stays."""
+    low, high = 0, many - 1
+    while low < high:
+        middle = (low + high) // 2
+        if plan.tracks[(vertex + middle) * VERTEX_IN_TIME] > time:
+            high = middle
+        else:
+            low = middle + 1
+    # `low` is the first vertex after the time, or the last of all.
+    b = (vertex + low) * VERTEX_IN_TIME
+    a = b - ti.select(low > 0, VERTEX_IN_TIME, 0)
+    x, y, velocity = plan.tracks[b + 1], plan.tracks[b + 2], f32x2(0.0)
+    if plan.tracks[b] > time:
+        x, y = plan.tracks[a + 1], plan.tracks[a + 2]
+        if plan.tracks[a] <= time:
+            way = sphere.offset(x, y, plan.tracks[b + 1], plan.tracks[b + 2])
+            share = ti.cast(time - plan.tracks[a], ti.f32) / ti.cast(plan.tracks[b] - plan.tracks[a], ti.f32)
+            x, y = sphere.exponential(x, y, share * way[0], share * way[1])
+            # By the farther of both ends: positions are whole units of 9 mm.
+            if share < 0.5:
+                velocity = sphere.offset(x, y, plan.tracks[b + 1], plan.tracks[b + 2])
+                velocity /= ti.cast(plan.tracks[b] - time, ti.f32)
+            else:
+                velocity = sphere.offset(x, y, plan.tracks[a + 1], plan.tracks[a + 2])
+                velocity /= ti.cast(plan.tracks[a] - time, ti.f32)
+    return x, y, velocity
 
 
 @ti.func

@@ -8,7 +8,7 @@ import taichi as ti
 from kernels import batch, itinerary, launch, noise
 from kernels.batch import Batch
 from kernels.coast import Ints, Reals
-from kernels.itinerary import COURSE, PHASE, POINT_LAW, Chance, Plan
+from kernels.itinerary import PHASE, POINT_LAW, Chance, Plan
 
 SPEED, FIRST_COURSE, DESTINATION, SPREAD_RATE, ARRIVAL = range(5)  # numbers in a row of `wanted`
 WANTED = 5
@@ -55,7 +55,7 @@ def _settle(
         phase = wanted[row + SPEED]
         if phase >= 0:
             out.speed[i] = itinerary.own_speed(plan, key, phase)
-            if plan.phases[phase * PHASE] == COURSE:
+            if itinerary.on_course(plan, phase):
                 _course, fast, _word = itinerary.course_of(plan, itinerary.first(key, phase), phase)
                 out.speed[i] = fast
         phase = wanted[row + FIRST_COURSE]

@@ -18,7 +18,6 @@ from kernels.batch import Batch
 from kernels.coast import Coast, DeviceCoast, Ints, Reals, first_crossing, is_wet, open_sea
 from kernels.itinerary import (
     BETWEEN,
-    COURSE,
     NEVER,
     PHASE,
     POINT,
@@ -33,9 +32,11 @@ from kernels.itinerary import (
     Plan,
     Target,
     aim,
+    on_course,
     own_k,
     own_speed,
     own_start,
+    set_at,
 )
 from kernels.pieces import NONE, Pieces, Room, note
 
@@ -81,14 +82,6 @@ def loaded(columns: ti.template(), i: ti.i32, elapsed: ti.i32) -> Target:
 
 
 @ti.func
-def set_at(target: Target, time: ti.i32):
-    """Return (dlon, dlat) [binary angle] by which the current has set a target off its reckoned way at a time [s]."""
-    lasting = ti.cast(time - target.set_since, ti.f32)
-    dlon = target.set_lon + ti.cast(ti.round(target.rate_lon * lasting), ti.i32)
-    return dlon, target.set_lat + ti.cast(ti.round(target.rate_lat * lasting), ti.i32)
-
-
-@ti.func
 def under_way(columns: ti.template(), i: ti.i32, end: ti.i32):
     """Return whether target i is under way before the end [s] of a step that has not been made."""
     state = columns.status[i]
@@ -112,7 +105,7 @@ def piece(plan: ti.template(), key: Chance, target: Target, k: ti.f32, until: ti
     """
     end = ti.min(until, target.to_time)
     x, y = target.to_lon, target.to_lat
-    if plan.phases[target.phase * PHASE] == COURSE:
+    if on_course(plan, target.phase):
         x, y = ways.rhumb(target.lon, target.lat, target.course, target.speed * ti.cast(end - target.time, ti.f32))
     elif end < target.to_time:
         dt, rest = ti.cast(end - target.time, ti.f32), ti.cast(target.to_time - end, ti.f32)
@@ -134,7 +127,7 @@ def amid(
     """
     at_x, at_y = target.lon, target.lat
     dt = time - ti.cast(target.time, ti.f32)
-    if plan.phases[target.phase * PHASE] == COURSE:
+    if on_course(plan, target.phase):
         at_x, at_y = ways.rhumb(target.lon, target.lat, target.course, target.speed * dt)
     elif dt > 0.0:
         at_x, at_y = ways.toward(target.lon, target.lat, x, y, dt, ti.cast(end, ti.f32) - time, k, normal)
@@ -355,7 +348,7 @@ def _inside(
 def velocity(plan: ti.template(), target: Target) -> f32x2:
     """Return (east, north) [m/s] with which a target goes by its reckoning: on its course, or to its way point in time."""
     found = target.speed * f32x2(ti.sin(target.course), ti.cos(target.course))
-    if plan.phases[target.phase * PHASE] != COURSE:
+    if not on_course(plan, target.phase):
         way = sphere.offset(target.lon, target.lat, target.to_lon, target.to_lat)
         found = way / ti.max(ti.cast(target.to_time - target.time, ti.f32), 1.0)
     return found

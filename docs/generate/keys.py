@@ -18,6 +18,7 @@ from pydantic_core import PydanticUndefined
 
 from drift.case import (
     barrier,
+    behaviour,
     bridge,
     contact,
     family,
@@ -32,6 +33,7 @@ from drift.case import (
     sensor,
     sortie,
     sources,
+    tracker,
     tracking,
     uncertainty,
 )
@@ -67,6 +69,7 @@ PAGES: dict[Model, tuple[str, str]] = {
     schema.DepthTable: ("search_keys.md", "## `[depth]`"),
     plan.ResamplingTable: ("search_keys.md", "## `[resampling]`"),
     itinerary.CourseTable: ("targets.md", "### `course`"),
+    itinerary.ActsTable: ("targets.md", "### `behaviour`"),
     itinerary.TrackTable: ("targets.md", "### `track`"),
     itinerary.VoyageTable: ("targets.md", "### `voyage`"),
     itinerary.LanesTable: ("targets.md", "### `lanes`"),
@@ -392,7 +395,8 @@ def page(docs: Path) -> str:
         ("Tracking files", "The case of `drift experiment` ([Tracking](../tracking.md)).", tracking.TrackingTable),
     ):  # fmt: skip
         name = title.split()[0].lower().removesuffix("s")
-        own = {one: [f"{name}-{path[0]}"] for one, path in places(model).items() if one.__module__ == model.__module__}
+        beside = {model.__module__, behaviour.__name__, tracker.__name__}
+        own = {one: [f"{name}-{path[0]}"] for one, path in places(model).items() if one.__module__ in beside}
         parts += [f"## {title}", words, _table(model, docs, name, own)]
         for one, (path,) in own.items():
             if one is not model:

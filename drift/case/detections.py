@@ -7,18 +7,15 @@ from typing import Annotated
 import numpy as np
 from pydantic import BeforeValidator, ValidationError
 
-from drift.case import fields, gpx, messages, sources, units
+from drift.case import fields, messages, sources, tracker, units
 from drift.case.mistakes import Mistakes
 from drift.tracker import path
 from drift.tracker.detections import Detections
 from drift.tracker.records import Sensor
-from geo import notation, sphere
-from geo.array import Array
 from geo.errors import UserError
 from geo.files import small
 from geo.notation import NMI
 
-FASTEST = 150.0  # [m/s] of a tracker
 LARGEST = 10_000_000  # [bytes]
 NEEDED = ("time", "sensor")
 ALLOWED = (*NEEDED, "bearing", "range", "lat", "lon")
@@ -118,7 +115,7 @@ def read(
     placed = np.array([(time, row.lon, row.lat) for time, row in rows if row.lat is not None], np.float64)
     if not len(placed) or placed[0, 0] > found.time[0]:
         raise UserError(f"{label}: nobody says where the tracker was at the first detection; give lat and lon there")
-    return found, _way(placed[:, 0], placed[:, 1], placed[:, 2], label)
+    return found, tracker.through(placed[:, 0], placed[:, 1], placed[:, 2], label)
 
 
 def _check(row: RowTable, names: list[str], sensors: tuple[Sensor, ...]) -> None:
@@ -129,33 +126,6 @@ def _check(row: RowTable, names: list[str], sensors: tuple[Sensor, ...]) -> None
         raise ValueError(
             f"range {row.range / NMI:g} nmi is beyond the reach of {sensor.name}, {sensor.reach / NMI:g} nmi"
         )
-
-
-def tracked(file: str, folder: Path, start: np.datetime64, end: float) -> path.Path:
-    """Return where a tracker was by a GPX file, from the start on to an end [s after it]. Raises UserError, one line."""
-    name = sources.one_file(file, folder, "track")
-    points = gpx.read(name)
-    if not points.time:
-        raise ValueError(f'"{Path(name).name}" has points without times; a tracker needs them')
-    time = np.array(points.time) - notation.epoch(start)
-    if time[0] > end or time[-1] < 0:
-        raise ValueError(f'"{Path(name).name}" is not of the time of this case')
-    return _way(time, np.array(points.lon), np.array(points.lat), f'"{Path(name).name}"')
-
-
-def _way(time: Array, lon: Array, lat: Array, label: str) -> path.Path:
-    """Return the way through places [deg], of those of one time the last."""
-    last = np.append(np.diff(time) > 0, True)
-    time, lon, lat = time[last], np.radians(lon[last]), np.radians(lat[last])
-    if len(time) == 1:
-        return path.standing(float(lon[0]), float(lat[0]), float(time[0]), float(time[0]) + 1.0)
-    way = path.through(time, lon, lat)
-    k = int(way.rate.argmax())
-    if way.rate[k] * sphere.RADIUS > FASTEST:
-        raise UserError(
-            f"{label}: the tracker would be faster than {FASTEST:g} m/s, {time[k]:g} to {time[k + 1]:g} s after the start"
-        )
-    return way
 
 
 def _after(time: units.Instant, start: np.datetime64) -> float:

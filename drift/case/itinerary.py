@@ -1,7 +1,7 @@
 """How a target steers: the phases of a [[scenario]], its distress, and what land means to it.
 
-Tables of the case file, and the records of drift.motion.itinerary that they become. Each phase is one of course, track,
-lanes, voyage, loiter and bridge.
+Tables of the case file, and the records of drift.motion.itinerary that they become. Each phase is one of course, behaviour,
+track, lanes, voyage, loiter and bridge.
 """
 
 import itertools
@@ -15,18 +15,22 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, field_validator, model_validator
 
 from drift.bridges.bridge import refuse_antipodes, refuse_width
-from drift.case import fields, sources, units
+from drift.case import fields, sources, tracker, units
+from drift.case.behaviour import BehaviourTable
 from drift.case.network import read
 from drift.case.objects import SearchObject
 from drift.case.places import AreaTable, EllipseTable, ErrorTable
 from drift.case.route import AsGiven
+from drift.case.tracker import TrackerTable
 from drift.motion import lanes
 from drift.motion.itinerary import (
     NONE,
     Abeam,
+    Acts,
     Between,
     Course,
     Distress,
+    Followed,
     InBox,
     InDisc,
     InRing,
@@ -45,6 +49,7 @@ from drift.motion.itinerary import (
     middle,
     radius,
 )
+from drift.tracker import path
 from geo import notation, sphere
 
 LEAST_RATIO = 1.0
@@ -272,9 +277,63 @@ class CourseTable(WindowedTable):
     speed: Speeds
     change: fields.Duration | None = None
 
-    def phase(self, start: np.datetime64, folder: Path) -> Course:
+    def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Course:
         """Return the record."""
         return Course(self.course, self.speed, self.change or 0.0, *self.end(start))
+
+
+ANY_COURSE = Spread(0.0, 2 * math.pi, math.pi)
+
+
+class ActsTable(BehaviourTable, WindowedTable):
+    """A course that is kept, changed, or one that leads to a tracker or away from it, at times of its own."""
+
+    course: Courses = ANY_COURSE
+    speed: Speeds | None = None
+    tracker: TrackerTable | None = None
+
+    @model_validator(mode="after")
+    def of_whom(self) -> "ActsTable":
+        """Refuse what seeks or flees from nobody, what never acts, and a first speed above the highest."""
+        wrong = []
+        if self.acts is None:
+            wrong.append('acts: is missing, like ["3 min", "15 min"]; what keeps its course is a phase of course')
+        if self.seek + self.hide > 0 and self.tracker is None:
+            wrong.append(
+                'tracker: is missing: whom does it seek or hide from? Give { at, legs }, { track = "own.gpx" }, or the name of a [tracker.NAME]'
+            )
+        if self.speed is not None and self.speed.high > self.fastest:
+            wrong.append(f"speed: {self.speed.high / KNOT:.4g} kn is above fastest, {self.fastest / KNOT:.4g} kn")
+        fields.refuse(self, wrong)
+        return self
+
+    def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Acts:
+        """Return the record."""
+        assert self.acts is not None
+        until, lasting = self.end(start)
+        speed = self.speed or Spread(0.0, self.fastest, self.fastest / 2)
+        followed = None if self.tracker is None else _followed(self.tracker, start, min(end, until or end), folder)
+        return Acts(
+            self.course, speed, self.fastest, self.acts, self.change, self.seek, self.hide, self.leave, math.radians(self.spread),
+            followed, until, lasting,
+        )  # fmt: skip
+
+
+def _followed(table: TrackerTable, start: np.datetime64, end: np.datetime64, folder: Path) -> Followed:
+    """Return where a tracker is from the start to an end; refuse a track that does not say it."""
+    lasting = max(float((end - start) / np.timedelta64(1, "s")), 0.0)
+    try:
+        way = tracker.way(table, None, start, lasting, folder)
+        first, last = (start + np.timedelta64(round(time), "s") for time in (way.time[0], way.time[-1]))
+        if first > start or last < end:
+            raise ValueError(
+                f"is known from {notation.group(first)} to {notation.group(last)}, not from {notation.group(start)} to "
+                f"{notation.group(end)}; complete its track, or give the phase until"
+            )
+    except ValueError as error:
+        raise ValueError(f"tracker: {error}") from None
+    lon, lat = np.radians(path.degrees(way.place))
+    return Followed(start, tuple(way.time.tolist()), tuple(lon.tolist()), tuple(lat.tolist()))
 
 
 class LoiterTable(WindowedTable):
@@ -301,7 +360,7 @@ class LoiterTable(WindowedTable):
         AreaTable.model_construct(polygon=self.polygon).corners()
         return self
 
-    def phase(self, start: np.datetime64, folder: Path) -> Loiter:
+    def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Loiter:
         """Return the record."""
         lon, lat = np.radians(np.array(AreaTable.model_construct(polygon=self.polygon).corners())).T
         return Loiter(InRing(tuple(lon.tolist()), tuple(lat.tolist())), self.speed, self.leg, *self.end(start))
@@ -346,7 +405,7 @@ class TrackTable(BoundedTable):
     start: Time = AT_ONCE
     points: Annotated[list[PointTable], Field(min_length=2)]
 
-    def phase(self, start: np.datetime64, folder: Path) -> Ways:
+    def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Ways:
         """Return the record."""
         earliest, after = _start(self.start, start)
         points = _points(self.points, None, start)
@@ -387,7 +446,7 @@ class BridgeTable(BoundedTable):
             lasting = latest(b.time, 0.0) - latest(a.time, 0.0)
             refuse_width(self.k * self.k_spread * math.sqrt(max(lasting, 0.0)) / 2)  # midway
 
-    def phase(self, start: np.datetime64, folder: Path) -> Ways:
+    def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Ways:
         """Return the record."""
         points = _points(self.points, start, start)
         last = points[-1].place
@@ -413,7 +472,7 @@ class VoyageTable(fields.Table):
     speed: Speeds
     cross_track: fields.Length = 0.0
 
-    def phase(self, start: np.datetime64, folder: Path) -> Ways:
+    def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Ways:
         """Return the record."""
         lon, lat = np.radians(np.array(self.waypoints)).T
         length = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:])
@@ -434,38 +493,46 @@ class VoyageTable(fields.Table):
 
 
 def shared(data: Any) -> Any:
-    """Return the tables of a case as read with each voyage that is named, alone or by `like`, replaced by a whole one.
+    """Return the tables of a case as read with what its phases name put in: voyages, alone or by `like`, and trackers.
 
     What is not as it should be stays as it is, and is refused where it stands. Raises ValidationError, a complaint for each name that
     there is none of.
     """
-    voyages, stories = (data.get(key) for key in ("voyage", "scenario")) if isinstance(data, dict) else (None, None)
-    if not isinstance(stories, list):
+    if not isinstance(data, dict) or not isinstance(data.get("scenario"), list):
         return data
-    known = voyages if isinstance(voyages, dict) else {}
     wrong: list[str] = []
 
-    def whole(story: Any, number: int, phase: Any) -> Any:
-        own = phase.get("voyage") if isinstance(phase, dict) else None
-        name = own if isinstance(own, str) else own.get("like") if isinstance(own, dict) else None
-        if name is None:
+    def named(kind: str, name: Any, where: str) -> dict[str, Any]:
+        tables = data.get(kind)
+        known = tables if isinstance(tables, dict) else {}
+        if isinstance(name, str) and isinstance(known.get(name), dict):
+            return dict(known[name])
+        there = ", ".join(f"[{kind}.{key}]" for key in known) or f"none; write it as [{kind}.NAME]"
+        wrong.append(f"{where}: no {kind} {name!r}; there are: {there}")
+        return {}
+
+    def whole(phase: Any, where: str) -> Any:
+        if not isinstance(phase, dict):
             return phase
-        if not isinstance(name, str) or not isinstance(known.get(name), dict):
-            there = ", ".join(f"[voyage.{key}]" for key in known) or "none; write it as [voyage.NAME]"
-            wrong.append(
-                f'scenario "{story.get("name")}".phase {number}.voyage: no voyage {name!r}; there are: {there}'
-            )
-            return phase
-        rest = {key: value for key, value in own.items() if key != "like"} if isinstance(own, dict) else {}
-        return {**phase, "voyage": {**known[name], **rest}}
+        voyage, behaviour = phase.get("voyage"), phase.get("behaviour")
+        if isinstance(voyage, str):
+            return {**phase, "voyage": named("voyage", voyage, f"{where}.voyage")}
+        if isinstance(voyage, dict) and voyage.get("like") is not None:
+            rest = {key: value for key, value in voyage.items() if key != "like"}
+            return {**phase, "voyage": {**named("voyage", voyage["like"], f"{where}.voyage"), **rest}}
+        if isinstance(behaviour, dict) and isinstance(behaviour.get("tracker"), str):
+            who = named("tracker", behaviour["tracker"], f"{where}.behaviour.tracker")
+            return {**phase, "behaviour": {**behaviour, "tracker": who}}
+        return phase
 
     def told(story: Any) -> Any:
         phases = story.get("phase") if isinstance(story, dict) else None
         if not isinstance(phases, list):
             return story
-        return {**story, "phase": [whole(story, number, phase) for number, phase in enumerate(phases, 1)]}
+        where = f'scenario "{story.get("name")}".phase'
+        return {**story, "phase": [whole(phase, f"{where} {number}") for number, phase in enumerate(phases, 1)]}
 
-    made = {**data, "scenario": [told(story) for story in stories]}
+    made = {**data, "scenario": [told(story) for story in data["scenario"]]}
     if wrong:
         raise ValidationError.from_exception_data("scenarios", [fields.complaint(line) for line in wrong])
     return made
@@ -479,7 +546,7 @@ class LanesTable(fields.Table):
     entry: Time = AT_ONCE
     speed: Speeds
 
-    def phase(self, start: np.datetime64, folder: Path) -> Ways:
+    def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Ways:
         """Return the record; raise UserError where the network or the route is at fault."""
         chart = read(sources.one_file(self.network, folder, "network"))
         route = self.route.route(chart.network)
@@ -534,7 +601,7 @@ def _in_order(points: list[WayPoint], start: np.datetime64, told: Callable[[floa
             )
 
 
-LAWS = ("course", "track", "lanes", "voyage", "loiter", "bridge")
+LAWS = ("course", "behaviour", "track", "lanes", "voyage", "loiter", "bridge")
 
 
 class PhaseTable(fields.Table):
@@ -542,6 +609,8 @@ class PhaseTable(fields.Table):
 
     course: CourseTable | None = None
     """A constant course, or one that changes."""
+    behaviour: ActsTable | None = None
+    """A course that it changes, or on which it seeks or flees from a tracker, at times of its own."""
     track: TrackTable | None = None
     """Places at times after a start."""
     lanes: LanesTable | None = None
@@ -561,13 +630,13 @@ class PhaseTable(fields.Table):
     @property
     def endless(self) -> bool:
         """Whether it goes on for as long as the run."""
-        own = self.course or self.loiter
+        own = self.course or self.behaviour or self.loiter
         return own is not None and own.until is None and own.lasting is None
 
     @property
     def begins(self) -> bool:
         """Whether it says where it begins."""
-        return self.course is None and self.loiter is None
+        return self.course is None and self.behaviour is None and self.loiter is None
 
     @model_validator(mode="after")
     def one_kind(self) -> "PhaseTable":
@@ -575,9 +644,9 @@ class PhaseTable(fields.Table):
         fields.one_of(self, LAWS)
         return self
 
-    def phase(self, start: np.datetime64, folder: Path) -> Phase:
+    def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Phase:
         """Return the record."""
-        phase: Phase = getattr(self, self.kind).phase(start, folder)
+        phase: Phase = getattr(self, self.kind).phase(start, end, folder)
         return phase
 
 

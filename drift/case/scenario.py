@@ -214,11 +214,11 @@ class ScenarioTable(fields.Table):
         if self.phase and self.phase[0].begins:
             if given:
                 yield (
-                    f"{given[0]}: its first phase says where it begins; leave {given[0]} out, or begin with a course or "
-                    "with loitering"
+                    f"{given[0]}: its first phase says where it begins; leave {given[0]} out, or begin with a course, "
+                    "a behaviour or with loitering"
                 )
         elif self.phase and given != ["position"] and given != ["area"]:
-            yield "a first phase of a course or of loitering begins at a position or in an area; give one of them"
+            yield "a first phase of a course, a behaviour or of loitering begins at a position or in an area; give one of them"
         elif len(given) != 1:
             found = " and ".join(given) if given else "none"
             yield f"exactly one of position, area, trackline must be given; found {found}"
@@ -258,14 +258,14 @@ class ScenarioTable(fields.Table):
         table = self.position or self.area or self.trackline
         return table.prior(start) if table is not None else None
 
-    def itinerary(self, start: np.datetime64, folder: Path) -> Itinerary | None:
+    def itinerary(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Itinerary | None:
         """Return how it steers; None: it is adrift from the first."""
         if not self.phase:
             return None
         phases, wrong = [], Mistakes()
         for number, table in enumerate(self.phase, 1):
             with wrong.gathered(f'scenario "{self.name}".phase {number}.{table.kind}'):
-                phases.append(table.phase(start, folder))
+                phases.append(table.phase(start, end, folder))
         distress = None
         if self.distress is not None and len(phases) == len(self.phase):
             with wrong.gathered(f'scenario "{self.name}".distress'):

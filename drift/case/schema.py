@@ -26,6 +26,7 @@ from drift.case.sortie import SortieTable
 from drift.case.sources import SourceTable
 from drift.case.spill import FindTable, PatrolTable, PatrolUnitTable, SpillTable
 from drift.case.tow import TowTable
+from drift.case.tracker import TrackerTable
 from drift.case.uncertainty import Uncertainty, UncertaintyTable
 from drift.forecast import shares
 from geo import notation, sphere
@@ -210,6 +211,8 @@ class CaseTable(fields.Table):
     voyage: dict[str, VoyageTable] = Field(default_factory=dict)
     """Voyages by name, `[voyage.passage]`, that several stories share: a phase says `voyage = "passage"`, or `voyage = { like = "passage",
     speed = "3 kn" }` where some of its keys are its own."""
+    tracker: dict[str, TrackerTable] = Field(default_factory=dict)
+    """Who is sought or fled from, by name, `[tracker.patrol]`: a phase of `behaviour` says `tracker = "patrol"`."""
     scenario: list[ScenarioTable] = Field(default_factory=list)
     """Stories of one object, each with its weight; give these, families of them, or a `[spill]`."""
     family: list[FamilyTable] = Field(default_factory=list)
@@ -249,8 +252,8 @@ class CaseTable(fields.Table):
 
     @model_validator(mode="before")
     @classmethod
-    def with_shared_voyages(cls, data: Any) -> Any:
-        """Make scenarios of families, and put the voyages that stories share where they are named."""
+    def with_shared(cls, data: Any) -> Any:
+        """Make scenarios of families, and put the voyages and trackers that stories share where they are named."""
         return shared(expanded(data))
 
     @field_validator("seed")

@@ -134,7 +134,7 @@ def _scenario(
     with wrong.gathered(place):
         prior = table.prior(start)
     with wrong.gathered():
-        itinerary = table.itinerary(start, folder)
+        itinerary = table.itinerary(start, end, folder)
     with wrong.gathered():
         if prior is not None:
             _check_release(place, prior, start, end)

@@ -17,12 +17,14 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from drift.case import detections, fields, messages, mistakes, units
 from drift.case import file as case_file
+from drift.case import tracker as tracker_table
+from drift.case.behaviour import BearingError, BehaviourTable
 from drift.case.mistakes import Mistakes
+from drift.case.tracker import TrackerTable, WayTable
 from drift.tracker import path, pursuit
 from drift.tracker.detections import Detections
-from drift.tracker.path import Leg
 from drift.tracker.pursuit import Pursuit
-from drift.tracker.records import Behaviour, Filling, Plan, Sensor, Tracker
+from drift.tracker.records import Filling, Plan, Sensor, Tracker
 from drift.tracker.study import Criteria, Scene, Study
 from geo.array import Array
 from geo.errors import UserError
@@ -46,28 +48,8 @@ def _ambiguity(value: object) -> float:
     return share
 
 
-def _bearing(value: object) -> float:
-    """Return an error of bearings on either side [deg]."""
-    degrees = units.quantity(value, "deg", "error of a bearing", "1.5 deg")
-    if not 0 < degrees <= 180:
-        raise ValueError(f"{value!r} must be above 0 and at most 180 degrees, on either side")
-    return degrees
-
-
 Elapsed = Annotated[float, BeforeValidator(fields.interval)]
 Ambiguity = Annotated[float, BeforeValidator(_ambiguity)]
-BearingError = Annotated[float, BeforeValidator(_bearing)]
-
-
-class LegTable(fields.Table):
-    """A rhumb line."""
-
-    course: fields.Direction
-    """True, in degrees."""
-    speed: fields.Speed
-    """Over ground."""
-    lasting: fields.Duration | None = None
-    """How long; the last one until the end of the case by default."""
 
 
 class PlanTable(fields.Table):
@@ -90,87 +72,6 @@ class PlanTable(fields.Table):
         if self.lasting > self.every:
             raise ValueError(f"lasting {self.lasting:g} s is longer than every, {self.every:g} s")
         return self
-
-
-class WayTable(fields.Table):
-    """Where something is."""
-
-    at: fields.Position
-    """Where it begins."""
-    legs: list[LegTable] = Field(default_factory=list)
-    """Where it goes, one after the other; without any it stays."""
-
-    def way(self, end: float) -> path.Path:
-        """Return the way until an end [s]."""
-        left, legs = end, []
-        for number, leg in enumerate(self.legs, 1):
-            if leg.lasting is None and number < len(self.legs):
-                raise ValueError(f"legs {number}: lasting is missing; only the last leg goes on until the end")
-            lasting = min(left, end if leg.lasting is None else leg.lasting)
-            if lasting > 0:
-                legs.append(Leg(math.radians(leg.course), leg.speed, lasting))
-            left -= lasting
-        lon, lat = np.radians(self.at)
-        return path.of_legs(float(lon), float(lat), legs)
-
-
-class TrackerTable(fields.Table):
-    """Where the tracker is: from a place along legs, or by a track; of detections also by their file's lat and lon."""
-
-    at: fields.Position | None = None
-    """Where it begins."""
-    legs: list[LegTable] = Field(default_factory=list)
-    """Where it goes from there."""
-    track: str | None = None
-    """A GPX file with times, of where it was."""
-
-    @model_validator(mode="after")
-    def proper(self) -> "TrackerTable":
-        """Refuse two ways at once, and legs from nowhere."""
-        wrong = ["at and track are both given; give one"] if self.at is not None and self.track is not None else []
-        if self.legs and self.at is None:
-            wrong.append("at: is missing; legs begin there")
-        fields.refuse(self, wrong)
-        return self
-
-
-class BehaviourTable(fields.Table):
-    """What something does at times of its own."""
-
-    fastest: fields.ShipSpeed
-    """No course is taken at more."""
-    acts: fields.DurationRange | None = None
-    """Least and longest time between acts; without it course and speed are kept."""
-    change: fields.Share = 0.0
-    """Probability that what acts takes another course and speed, any of them."""
-    seek: fields.Share = 0.0
-    """That from then on it seeks the tracker."""
-    hide: fields.Share = 0.0
-    """That from then on it flees from it."""
-    leave: fields.Share = 0.0
-    """That one which seeks or flees acts freely again."""
-    spread: BearingError = 30.0
-    """On either side of the reciprocal bearing on which one flees."""
-
-    @model_validator(mode="after")
-    def proper(self) -> "BehaviourTable":
-        """Refuse probabilities that are more than one together."""
-        whole = self.change + self.seek + self.hide
-        if whole > 1 + 1e-9:
-            raise ValueError(
-                f"change {self.change:g}, seek {self.seek:g} and hide {self.hide:g} are {whole:g} together; at most 1 (what is left keeps its course)"
-            )
-        if self.acts is None and whole > 0:
-            raise ValueError('change, seek and hide are at times of acts; give acts = ["3 min", "15 min"]')
-        if self.acts is not None and self.acts[0] <= 0:
-            raise ValueError("acts: the shortest time between acts must be above 0")
-        return self
-
-    def behaviour(self) -> Behaviour:
-        """Return the record."""
-        return Behaviour(
-            self.fastest, self.change, self.seek, self.hide, self.leave, self.acts, math.radians(self.spread)
-        )
 
 
 class TargetTable(WayTable):
@@ -368,7 +269,7 @@ def is_one(name: str | os.PathLike[str]) -> bool:
         data = tomllib.loads(small.contents(Path(name), LARGEST).decode("utf-8-sig"))
     except (OSError, UserError, ValueError, RecursionError):
         return False
-    return "tracker" in data or "target" in data or "detections" in data
+    return "target" in data or "detections" in data or ("tracker" in data and "scenario" not in data)
 
 
 def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = None) -> Study:
@@ -462,7 +363,7 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
     wrong.refuse()
     tracker: path.Path | None = None
     with wrong.gathered("tracker"):
-        tracker = _tracker(table.tracker, own, start, table.duration, folder)
+        tracker = tracker_table.way(table.tracker, own, start, table.duration, folder)
     wrong.refuse()
     assert tracker is not None
     assert followed is not None
@@ -482,21 +383,3 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
         None if criteria is None else Criteria(criteria.position, math.radians(criteria.course), criteria.speed),
         table.experiment.areas, tuple(sorted(table.show)), chase, table.experiment.published,
     )  # fmt: skip
-
-
-def _tracker(table: TrackerTable, own: path.Path | None, start: np.datetime64, end: float, folder: Path) -> path.Path:
-    """Return where the tracker is; own: by the file of detections."""
-    if own is not None and (table.at is not None or table.track is not None):
-        raise ValueError("the file of detections says where it was (lat, lon); leave at and track out")
-    if table.at is not None:
-        way = WayTable(at=table.at, legs=table.legs).way(end)
-        # It stays where its legs end.
-        stays = way.time[-1] < end
-        return path.Path(np.append(way.time, end), np.vstack([way.place, way.place[-1:]])) if stays else way
-    if table.track is not None:
-        return detections.tracked(table.track, folder, start, end)
-    if own is None:
-        raise ValueError(
-            "nobody says where it is; give at with legs, track (a GPX file), or lat and lon in the file of detections"
-        )
-    return own

@@ -1,7 +1,7 @@
 """Itineraries: where a target that steers means to go, phase by phase, and when it is in distress.
 
 Records are in SI, radians and UTC. A phase leads along way points (a voyage, a track, lanes, a bridge), keeps a course,
-or loiters. drift.motion.itinerary_tables lays
+acts at times of its own, or loiters. drift.motion.itinerary_tables lays
 the itineraries of a run out as kernels.itinerary takes them.
 """
 
@@ -159,7 +159,35 @@ class Loiter:
     lasting: float = np.inf  # [s] at most
 
 
-Phase: TypeAlias = Ways | Course | Loiter
+@dataclass(frozen=True)
+class Followed:
+    """Where a tracker is: great circles between vertices; before and after them it stays."""
+
+    begin: np.datetime64
+    time: tuple[float, ...]  # [s after the begin] ascending
+    lon: tuple[float, ...]  # [rad]
+    lat: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Acts:
+    """A phase that keeps a course, and at times of its own takes another, or seeks or flees from a tracker."""
+
+    course: Spread  # [rad] of the first course
+    speed: Spread  # [m/s] of the first speed
+    fastest: float  # [m/s] to which speeds that are taken later are alike
+    between: tuple[float, float]  # [s] least and longest time between acts
+    change: float = 0.0  # probability that it takes any other course and speed when it acts
+    seek: float = 0.0  # that it seeks the tracker from then on
+    hide: float = 0.0  # that it flees from it from then on
+    leave: float = 0.0  # that what seeks or flees acts freely again
+    spread: float = np.pi / 6  # [rad] on either side of the reciprocal bearing on which it flees
+    tracker: Followed | None = None  # None: there is nobody to seek or to flee from
+    until: np.datetime64 | None = None
+    lasting: float = np.inf  # [s] at most
+
+
+Phase: TypeAlias = Ways | Course | Acts | Loiter
 
 
 @dataclass(frozen=True)
@@ -203,7 +231,7 @@ class Itinerary:
     @property
     def fastest(self) -> float:
         """Highest speed [m/s] on a course; where way points and polygons lead is known without a speed."""
-        return max((phase.speed.high for phase in self.phases if isinstance(phase, Course)), default=0.0)
+        return max((_pace(phase) for phase in self.phases if isinstance(phase, Course | Acts)), default=0.0)
 
     @property
     def pace(self) -> float:
@@ -246,6 +274,8 @@ class Itinerary:
 
 
 def _pace(phase: Phase) -> float:
+    if isinstance(phase, Acts):
+        return max(phase.fastest, phase.speed.high)
     if not isinstance(phase, Ways) or phase.speed.high > 0:
         return phase.speed.high
     if phase.fastest < np.inf:

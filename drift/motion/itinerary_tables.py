@@ -7,8 +7,10 @@ import numpy as np
 
 from drift.motion.itinerary import (
     Abeam,
+    Acts,
     Between,
     Course,
+    Followed,
     InBox,
     InDisc,
     InRing,
@@ -39,6 +41,8 @@ class Tables(NamedTuple):
     points: Array
     point_laws: Array
     vertices: Array
+    behaviours: Array
+    tracks: Array
 
 
 EDGE = 20_000.0  # [m] longest edge of a polygon to loiter in, which is straight in lon and lat; great circles bulge 8 m
@@ -69,18 +73,22 @@ class _Tables:
         self.points: list[list[int]] = []
         self.point_laws: list[list[float]] = []
         self.vertices: list[Array] = []
+        self.behaviours: list[list[float]] = []
+        self.tracks: list[list[int]] = []
+        self._followed: dict[Followed, list[int]] = {}
 
     def done(self) -> Tables:
         """Return the tables, flat; an empty one has one number, which nothing reads."""
-        stories, story_laws, phases, phase_laws, points, point_laws = (
+        stories, story_laws, phases, phase_laws, points, point_laws, behaviours, tracks = (
             np.array(rows or [[0]], dtype).reshape(-1)
             for rows, dtype in (
                 (self.stories, np.int32), (self.story_laws, np.float32), (self.phases, np.int32),
                 (self.phase_laws, np.float32), (self.points, np.int32), (self.point_laws, np.float32),
+                (self.behaviours, np.float32), (self.tracks, np.int32),
             )
         )  # fmt: skip
         vertices = np.concatenate([*self.vertices, np.zeros(1, np.int32)]).astype(np.int32)
-        return Tables(stories, story_laws, phases, phase_laws, points, point_laws, vertices)
+        return Tables(stories, story_laws, phases, phase_laws, points, point_laws, vertices, behaviours, tracks)
 
     def add(self, itinerary: Itinerary | None) -> None:
         """Add a scenario's itinerary."""
@@ -122,6 +130,12 @@ class _Tables:
             laws[4:8] = row(phase.speed)
             if isinstance(phase, Course):
                 numbers[0], laws[0:4], laws[12] = kernel.COURSE, row(phase.course), phase.change
+            elif isinstance(phase, Acts):
+                numbers[0], laws[0:4], numbers[8] = kernel.ACTS, row(phase.course), len(self.behaviours)
+                numbers[4:6] = [0, 0] if phase.tracker is None else self._track(phase.tracker)
+                self.behaviours.append([
+                    *phase.between, phase.change, phase.seek, phase.hide, phase.leave, phase.spread, phase.fastest
+                ])  # fmt: skip
             else:
                 numbers[0], numbers[2], laws[13] = kernel.LOITER, 1, phase.leg
                 self._point(WayPoint(phase.ring))
@@ -160,6 +174,18 @@ class _Tables:
                 numbers[9], numbers[10], laws[8] = kernel.NORMAL_TIME, round(mean), std
         self.points.append(numbers)
         self.point_laws.append(laws)
+
+    def _track(self, followed: Followed) -> list[int]:
+        """Add the way of a tracker, once; return the number of its first vertex, and how many it has."""
+        if followed not in self._followed:
+            begin = self.period.elapsed(followed.begin)
+            time = np.rint(np.array(followed.time) + begin).astype(np.int64)
+            last = np.append(np.diff(time) > 0, True)  # of several within a second
+            place = (sphere.to_binary(np.degrees(np.array(x))) for x in (followed.lon, followed.lat))
+            rows = np.stack([time, *place], axis=1)[last]
+            self._followed[followed] = [len(self.tracks), len(rows)]
+            self.tracks += rows.tolist()
+        return self._followed[followed]
 
     def _ring(self, lon: Array, lat: Array) -> list[int]:
         """Add a ring of binary angles that run on; return the number of its first vertex, and how many it has."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drift.motion import itinerary_tables
-from drift.motion.itinerary import Course, Itinerary, Loiter, Ways
+from drift.motion.itinerary import Acts, Course, Itinerary, Loiter, Ways
 from drift.motion.steer import Steering
 from drift.particles.ensemble import NEVER, Ensemble
 from geo.array import Array
@@ -51,10 +51,10 @@ def phases(itineraries: Sequence[Itinerary | None]) -> Array:
     for row, itinerary in zip(table, itineraries, strict=True):
         for k, phase in enumerate(itinerary.phases if itinerary else ()):
             told = []
-            on_its_way = isinstance(phase, Course) or (isinstance(phase, Ways) and by_speed(phase))
+            on_its_way = isinstance(phase, Course | Acts) or (isinstance(phase, Ways) and by_speed(phase))
             if on_its_way or (isinstance(phase, Loiter) and k == 0):  # else it would be a speed on patrol
                 told.append(kernel.SPEED)
-            if isinstance(phase, Course):
+            if isinstance(phase, Course | Acts):
                 told.append(kernel.FIRST_COURSE)
             if isinstance(phase, Ways) and phase.k > 0:
                 told.append(kernel.SPREAD_RATE)

@@ -20,7 +20,7 @@ from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
 from kernels import advance as kernel
-from kernels import batch, felt, listen_targets, observe_targets, runtime, steer, sweep_targets
+from kernels import batch, felt, itinerary, listen_targets, observe_targets, runtime, steer, sweep_targets
 from kernels.batch import Batch
 from kernels.coast import DeviceCoast
 from kernels.glimpse import Pods
@@ -283,16 +283,17 @@ def columns(ensemble: Ensemble) -> dict[str, Device]:
 
 
 def place(ensemble: Ensemble, slots: Array, new: Mapping[str, Array], time: int) -> None:
-    """Place targets that keep a course anew, under way at a time at which a step ends [s after start].
+    """Place targets that keep a course or act anew, under way at a time at which a step ends [s after start].
 
-    slots: (m,); new: lon, lat, course [rad], speed [m/s], change [s after start]: when those change their course next whose own time
-    for it is past. The others keep theirs: it has no memory.
+    slots: (m,); new: lon, lat, course [rad], speed [m/s], change [s after start]: when those change their course or act next that
+    are fresh, or whose own time for it is past. The others keep theirs: it has no memory. None seeks or hides.
     """
     every = ensemble.columns
     due = every["to_time"].to_numpy()[slots]
     values = {
         "lon": sphere.to_binary(np.degrees(new["lon"])), "lat": sphere.to_binary(np.degrees(new["lat"])),
-        "course": new["course"], "speed": new["speed"], "to_time": np.where(due > time, due, new["change"]),
+        "course": new["course"], "speed": new["speed"], "leg": itinerary.FREE,
+        "to_time": np.where((due > time) & ~new["fresh"], due, np.minimum(new["change"], NEVER)),
         "status": int(Status.UNDER_WAY), "edge": -1,
         "departure": np.minimum(every["departure"].to_numpy()[slots], time),
     }  # fmt: skip

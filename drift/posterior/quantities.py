@@ -10,7 +10,7 @@ import numpy as np
 
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.family import Axis
-from drift.motion.itinerary import Course, InRing, Itinerary, Loiter, Place, Ways
+from drift.motion.itinerary import Acts, Course, InRing, Itinerary, Loiter, Place, Ways
 from drift.particles import members
 from drift.particles.status import Status
 from drift.posterior.quantity import Drawn, Quantity, Values
@@ -123,7 +123,7 @@ def _ends(itinerary: Itinerary) -> list[Place]:
             return [points[-1].place]
         case Loiter(ring=ring):
             return [ring]
-        case Course():
+        case Course() | Acts():
             return []
 
 

@@ -101,8 +101,10 @@ def ends(case: Case, begin: Start) -> tuple[str, str]:
         tile.nlon * tile.nlat for tile in {id(t): t for t in _grids(begin)}.values()
     )
     steps = int(np.clip(NODES / max(nodes, 1), FEWEST_STEPS, MOST_STEPS))
-    step = begin.clock.step * max(-(-case.period.duration // (steps * begin.clock.step)), 1)
-    clock = Clock(begin.clock.start, begin.clock.duration, begin.clock.direction, step, begin.clock.phase)
+    duration = case.period.duration
+    step = begin.clock.step * max(-(-duration // (steps * begin.clock.step)), 1)
+    step = -(-duration // -(-duration // step))  # from the start to the end: what steers would go on until a step's end
+    clock = Clock(begin.clock.start, begin.clock.duration, begin.clock.direction, step, begin.clock.start % step)
     for low, high, part in clock.steps():
         begin.scene.advance(some, low, high, part)
     weight, status = record.probability(some), some.status.to_numpy()

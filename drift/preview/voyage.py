@@ -4,7 +4,20 @@ import math
 
 import numpy as np
 
-from drift.motion.itinerary import Between, Course, Distress, Itinerary, Loiter, Moment, Part, Phase, Rate, Spread, Ways
+from drift.motion.itinerary import (
+    Acts,
+    Between,
+    Course,
+    Distress,
+    Itinerary,
+    Loiter,
+    Moment,
+    Part,
+    Phase,
+    Rate,
+    Spread,
+    Ways,
+)
 from geo import notation, sphere
 from geo.notation import NMI
 
@@ -31,10 +44,35 @@ def _phase(phase: Phase) -> str:
         case Course():
             change = f", changed every {phase.change / HOUR:g} h on average" if phase.change else ""
             return f"course {_course(phase.course)} at {_knots(phase.speed)}{change}{_until(phase)}"
+        case Acts():
+            return f"{_acts(phase)}{_until(phase)}"
         case Loiter():
             return f"to and fro in a polygon at {_knots(phase.speed)}, legs of {phase.leg / NMI:g} nmi{_until(phase)}"
         case Ways():
             return _way(phase)
+
+
+def _acts(phase: Acts) -> str:
+    """Return what a target does at times of its own, like "course any at 2 to 12 kn; every 3 to 15 min 45 % take another"."""
+    parts = {
+        f"take another at up to {phase.fastest / KNOT:.3g} kn": phase.change,
+        "seek": phase.seek,
+        "flee": phase.hide,
+    }
+    told = [f"{100 * share:.3g} % {what}" for what, share in parts.items() if share > 0]
+    least, longest = (f"{seconds / 60:.3g}" for seconds in phase.between)
+    often = least if least == longest else f"{least} to {longest}"
+    text = (
+        f"course {_course(phase.course)} at {_knots(phase.speed)}; every {often} min {', '.join(told) or 'it goes on'}"
+    )
+    if phase.hide > 0:
+        text += f" within {math.degrees(phase.spread):.3g} deg of the reciprocal bearing"
+    if phase.leave > 0 and phase.seek + phase.hide > 0:
+        text += f"; {100 * phase.leave:.3g} % of those cease to"
+    if phase.tracker is not None:
+        lon, lat = (math.degrees(x[0]) for x in (phase.tracker.lon, phase.tracker.lat))
+        text += f"; the tracker begins at {notation.position(lon, lat)}"
+    return text
 
 
 def _way(phase: Ways) -> str:
@@ -60,7 +98,7 @@ def _way(phase: Ways) -> str:
     return f"track of {len(phase.points)} way points, {begin}, the last after {_hours(times[-1])}"
 
 
-def _until(phase: Course | Loiter) -> str:
+def _until(phase: Course | Acts | Loiter) -> str:
     ends = [] if phase.until is None else [f"until {notation.group(phase.until)}"]
     ends += [f"for {phase.lasting / HOUR:g} h"] if math.isfinite(phase.lasting) else []
     return f", {' or '.join(ends)}" if ends else ""
@@ -103,6 +141,8 @@ def _course(course: Spread) -> str:
     low, mode, high = (float(np.degrees(sphere.wrap(x))) % 360 for x in (course.low, course.mode, course.high))
     if course.low == course.high:
         return f"{low:03.0f}"
+    if course.high - course.low > 2 * math.pi - 1e-6 and course.ratio == 1:
+        return "any"
     return f"{low:03.0f} to {high:03.0f}" + (f" (best {mode:03.0f})" if course.ratio != 1 else "")
 
 

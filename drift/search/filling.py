@@ -1,6 +1,6 @@
 """Particles placed anew where a contact has ruled most of them out: the bulk repopulation of Borovies 2007.
 
-That is Particle filter based tracking in a detection sparse discrete event simulation environment, III.B.2, for targets that keep a course. Where a contact leaves fewer
+That is Particle filter based tracking in a detection sparse discrete event simulation environment, III.B.2, for targets that keep a course or act. Where a contact leaves fewer
 than `bulk` of the particles, all that it rules out are placed where it may have been, with any course and speed up to `fastest`; what else
 is known of the target is the estimate at the contact before. By "position" particles weigh the more the nearer the speed that they would have needed from
 there is to the estimated one; by "course" half of them come straight from there, and all weigh alike; "combined" does both. It is a
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drift.motion.ensemble_spec import EnsembleSpec
-from drift.motion.itinerary import Course, Itinerary
+from drift.motion.itinerary import Acts, Course, Itinerary
 from drift.motion.scenario import Scenario
 from drift.particles import resample, weights
 from drift.particles.ensemble import NEVER, Layout
@@ -61,7 +61,8 @@ class Placed:
     lat: Array
     course: Array  # [rad] (m,)
     speed: Array  # [m/s] (m,)
-    change: Array  # int64 [s after start] (m,): when it changes its course next, if it had stopped
+    change: Array  # int64 [s after start] (m,): when it changes its course or acts next
+    fresh: Array  # bool (m,): whether that is so of all, or of those alone that had stopped, for whose others it has no memory
     log_weight: Array  # float64 (n,)
 
 
@@ -81,8 +82,10 @@ def estimate(cloud: Cloud, time: int) -> Estimate:
 class Filling:
     """How particles are placed anew at contacts, one after the other."""
 
-    def __init__(self, rule: Resampling, seed: int, changes: Sequence[float], shore: DeviceCoast | None) -> None:
-        """Make ready; changes: mean times between changes of course [s] by scenario, 0: none.
+    def __init__(
+        self, rule: Resampling, seed: int, changes: Sequence[float | tuple[float, float]], shore: DeviceCoast | None
+    ) -> None:
+        """Make ready; changes: mean time between changes of course [s] by scenario, 0: none, or the least and longest between acts.
 
         shore: on whose land nothing is placed, None: anywhere.
         """
@@ -117,14 +120,10 @@ class Filling:
             out = np.flatnonzero(~left[first:last])
             lon, lat, wet = self._in_water(contact, out.size, rng)
             course, speed, need = self._motion(contact, time, lon, lat, rng)
-            mean_time = self._changes[scenario]
-            change = (
-                time + np.maximum(rng.exponential(mean_time, out.size), 1)
-                if mean_time > 0
-                else np.full(out.size, NEVER)
-            )
-            change = np.minimum(change, NEVER).astype(np.int64)
-            out, moving = out[wet], [values[wet] for values in (lon, lat, course, speed, change)]
+            law = self._changes[scenario]
+            change = time + _waits(law, out.size, rng)
+            fresh = np.full(out.size, isinstance(law, tuple))
+            out, moving = out[wet], [values[wet] for values in (lon, lat, course, speed, change, fresh)]
             weight = np.where(left[first:last], weights.relative(own), 0.0)
             mean = weight.sum() / max(left[first:last].sum(), 1) or 1.0
             weight[out] = mean
@@ -139,8 +138,8 @@ class Filling:
                 with np.errstate(divide="ignore"):
                     log_weight[first:last] = np.log(weight / weight.sum()) + total
             parts.append((first + out, *moving))
-        slots, lon, lat, course, speed, change = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return Placed(slots, lon, lat, course, speed, change, log_weight)
+        slots, lon, lat, course, speed, change, fresh = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return Placed(slots, lon, lat, course, speed, change, fresh, log_weight)
 
     def _motion(
         self, contact: Contact, time: int, lon: Array, lat: Array, rng: np.random.Generator
@@ -175,10 +174,22 @@ class Filling:
         return lon, lat, wet
 
 
+def _waits(law: float | tuple[float, float], n: int, rng: np.random.Generator) -> Array:
+    """Return times until courses change [s], int64 (n,): exponential about a mean, 0 of which is never, or alike between two times."""
+    if isinstance(law, tuple):
+        return np.rint(rng.uniform(*law, n)).astype(np.int64)
+    if law == 0:
+        return np.full(n, NEVER, np.int64)
+    return np.minimum(np.maximum(rng.exponential(law, n), 1), NEVER).astype(np.int64)
+
+
 def of_run(rule: Resampling, spec: EnsembleSpec, shore: DeviceCoast | None) -> Filling:
     """Return how the particles of a run are placed anew, all of whose scenarios keep a course."""
     itineraries = [scenario.itinerary for scenario in spec.scenarios]
-    changes = [phase.change for own in itineraries if own for phase in own.phases if isinstance(phase, Course)]
+    changes = [
+        phase.between if isinstance(phase, Acts) else phase.change
+        for own in itineraries if own for phase in own.phases if isinstance(phase, Course | Acts)
+    ]  # fmt: skip
     minds_land = any(own and own.land != "ignore" for own in itineraries)
     return Filling(rule, spec.seed, changes, shore if minds_land else None)
 
@@ -191,7 +202,7 @@ def refused(rule: Resampling, scenarios: Sequence[Scenario], contacts: Sequence[
         if own is None or own.distress is not None or not _keeps_course(own):
             return (
                 f'{what}, and scenario "{scenario.name}" drifts, follows way points, loiters or ends; give each scenario one [[scenario.phase]] '
-                'with a course and no end and no distress, or method = "systematic"'
+                'with a course or a behaviour, no end and no distress, or method = "systematic"'
             )
     for contact in contacts:
         if bounded(contact) and contact.time == start:
@@ -205,9 +216,9 @@ def refused(rule: Resampling, scenarios: Sequence[Scenario], contacts: Sequence[
 
 
 def _keeps_course(itinerary: Itinerary) -> bool:
-    """Return whether a target keeps a course, or changes it, to the end."""
+    """Return whether a target keeps a course, or changes it, or acts, to the end."""
     first = itinerary.phases[0]
-    endless = isinstance(first, Course) and first.until is None and first.lasting == math.inf
+    endless = isinstance(first, Course | Acts) and first.until is None and first.lasting == math.inf
     return len(itinerary.phases) == 1 and endless
 
 

@@ -98,7 +98,7 @@ BAD = {
     ),
     "a phase of two kinds": (
         STORY + AT + course() + loiter().removeprefix(PHASE),
-        'scenario "one".phase 1: exactly one of course, track, lanes, voyage, loiter, bridge must be given; found course and',
+        'scenario "one".phase 1: exactly one of course, behaviour, track, lanes, voyage, loiter, bridge must be given; found course and',
     ),
     "a phase of no kind": (STORY + AT + PHASE, "must be given; found none"),
     "a phase after one without end": (

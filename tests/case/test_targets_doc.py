@@ -8,7 +8,7 @@ import pytest
 from places import ROOT
 from pydantic import BaseModel
 
-from drift.case import family, itinerary
+from drift.case import family, itinerary, tracker
 from drift.case import file as case_file
 
 if sys.version_info >= (3, 11):
@@ -19,6 +19,8 @@ else:
 TEXT = (ROOT / "docs" / "targets.md").read_text(encoding="utf-8")
 HEADINGS: dict[str, type[BaseModel]] = {
     "course": itinerary.CourseTable,
+    "behaviour": itinerary.ActsTable,
+    "[tracker.NAME]": tracker.TrackerTable,
     "track": itinerary.TrackTable,
     "voyage": itinerary.VoyageTable,
     "lanes": itinerary.LanesTable,

@@ -292,3 +292,37 @@ position = { at = [179.2, -61.1], std = "300 m" }
     assert np.isfinite(weight).all()
     assert (weight > 0).mean() > 0.9
     assert np.isfinite(result.updates.log_evidence)
+
+
+def test_what_acts_begins_anew(tmp_path):
+    """A contact that contradicts all: nobody acts for 20 minutes then, whatever was due, all have by 25, and nobody hides any more.
+
+    Before, all had fled on a course that acts turn by under a degree: with `change` they take any.
+    """
+    acting = (
+        'behaviour = { course = [20, 130], speed = ["14 kn", "24 kn"], fastest = "32 kn", acts = ["20 min", "25 min"], '
+        "change = 0.5, hide = 0.5, tracker = { at = [178.1, -61.9] } }"
+    )
+    case = CASE.replace('course = { course = [20, 130], speed = ["14 kn", "24 kn"] }', acting)
+    case = case.replace('"60 min"', '"80 min"').replace("bearing = 341", "bearing = 205")
+    case = case.replace(
+        '"+20 min", "+22 min", "+45 min", "+47 min"', '"+46 min", "+55 min", "+64 min", "+71 min", "+79 min"'
+    )
+    tracks = run(tmp_path, "position", case=case).trajectories
+    places = {minutes: vectors(tracks, minutes)[0] for minutes in (46, 55, 64, 71, 79)}
+    ways = {(a, b): places[b] - places[a] for a, b in ((46, 55), (55, 64), (71, 79))}
+    speeds = {key: arc(places[key[0]], places[key[1]]) / 60 / (key[1] - key[0]) for key in ways}
+    # Rhumb lines bend in space by v^2 dt / (R cos lat) at most, 0.048 m/s at 32 kn and 61.35 S; an act between turns many by metres a second.
+    np.testing.assert_allclose(ways[46, 55] * RADIUS / 540, ways[55, 64] * RADIUS / 540, atol=0.05)
+    # An act of hiding keeps the speed: half of all do, on the reciprocal of the bearing within 30 degrees; the others take any other.
+    keeps = np.abs(speeds[71, 79] - speeds[55, 64]) < 0.01
+    assert stats.binomtest(int(keeps.sum()), len(keeps), 0.5).pvalue > 1e-4
+    lon, lat = np.radians([178.1, -61.9])
+    tracker = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+    away = (
+        bearing(places[71], places[79]),
+        (bearing(places[71], np.broadcast_to(tracker, places[71].shape)) + 180) % 360,
+    )
+    fled = apart(*away)[keeps]
+    assert np.percentile(fled, 99) < 33  # the bearing has turned since they acted, by 3 degrees in 6 minutes at most
+    assert stats.kstest(apart(*away)[~keeps] / 180, "uniform").pvalue > 1e-4
