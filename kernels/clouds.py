@@ -5,6 +5,8 @@ circle at its own speed from an anchor, and acts at times of its own (`Rules`). 
 the particles in the box of the detection; one that found nothing keeps those outside the sensor's reach. What is left
 of too few is filled again by duplicates, by a new draw from the detection's box, or the track is lost.
 
+Where there is a coast particles keep to the water: they are drawn there, and one that comes to the shore takes another course.
+
 The methods are the heuristics of Borovies 2007 (see drift.tracker), no Bayes. One thread takes one cloud, so that no
 number depends on how many threads there are.
 """
@@ -14,6 +16,7 @@ from typing import Any
 import taichi as ti
 
 from kernels import launch, noise
+from kernels.coast import Coast, DeviceCoast, clearance, first_crossing, is_wet, open_sea
 
 Doubles = ti.types.ndarray(dtype=ti.f64, ndim=1)
 Ints = ti.types.ndarray(dtype=ti.i32, ndim=1)
@@ -27,6 +30,11 @@ BLOCK = 512  # turns of a loop that Taichi never parts between threads: one clou
 LEAST = 0.1 / 32  # least weight, as a share of the fastest speed: a tenth of a knot where that is 32
 FAR = 0.05  # [rad] of way after which the anchor moves on, so that the series below hold to 1e-12
 NEVER = 1e300  # [s]
+UNIT = 6.283185307179586 / 4294967296.0  # [rad] of a binary angle
+ALONG = 2e-4  # [rad] of way that is held against the shore as a straight line in longitude and latitude: 1.3 km, 3 cm off at 60 degrees
+TURNS = 16  # courses that a particle tries at a place on the shore; then it goes back where it came from
+NOWHERE = 1e-6  # [rad] of way: what makes less between two turns has not got away
+PLACES = 64  # places drawn for a particle until one is in water; without one it is not there
 
 Cloud = ti.types.argpack(
     own_place=Doubles,  # (3 n,) unit vector of the anchor
@@ -38,6 +46,7 @@ Cloud = ti.types.argpack(
     own_mode=Ints,  # ACTING, SEEKING or HIDING
     own_serial=Ints,  # how many of its cloud were drawn before it: the key of its random numbers
     own_acts=Ints,  # how often it has acted
+    own_free=Doubles,  # [s] until when its way is known to meet no shore
     own_heap=Doubles,  # scratch: sums of weights
 )  # fmt: skip
 
@@ -156,6 +165,7 @@ def copied(cloud: ti.template(), i: ti.i32, to: ti.i32):
         cloud.own_due[i],
         cloud.own_weight[i],
     )
+    cloud.own_free[to] = cloud.own_free[i]
     cloud.own_mode[to], cloud.own_serial[to], cloud.own_acts[to] = (
         cloud.own_mode[i],
         cloud.own_serial[i],
@@ -220,6 +230,70 @@ def act(
 
 
 @ti.func
+def binary(p: f64x3):
+    """Return (lon, lat) [binary angle] of a unit vector."""
+    lon = ti.atan2(p[1], p[0]) * ti.f64(1 / UNIT)
+    lat = ti.atan2(p[2], ti.sqrt(p[0] * p[0] + p[1] * p[1])) * ti.f64(1 / UNIT)
+    return ti.cast(ti.cast(ti.round(lon), ti.i64), ti.i32), ti.cast(ti.round(lat), ti.i32)
+
+
+@ti.func
+def on_sphere(lon: ti.i32, lat: ti.i32) -> f64x3:
+    """Return the unit vector of a place [binary angle]."""
+    x, y = ti.cast(lon, ti.f64) * ti.f64(UNIT), ti.cast(lat, ti.f64) * ti.f64(UNIT)
+    return f64x3(ti.cos(y) * ti.cos(x), ti.cos(y) * ti.sin(x), ti.sin(y))
+
+
+@ti.func
+def keep_off(
+    cloud: ti.template(), i: ti.i32, until: ti.f64, fastest: ti.f64, run: ti.i32, seed0: ti.u32, seed1: ti.u32,
+    coast: ti.template(),
+):  # fmt: skip
+    """Hold a particle's way against the shore until a time [s]: where it meets it, it takes any other course, at its speed.
+
+    It is looked ahead in pieces that do not depend on `until`, so that no sweep more or less changes where it turns.
+    """
+    turns, going, back = 0, 1, f64x3(0.0, 0.0, 0.0)
+    while going == 1 and cloud.own_free[i] < until:
+        time, rate = cloud.own_free[i], cloud.own_rate[i]
+        p0, u0 = at(cloud, i)
+        p, _u = turned(p0, u0, rate * (time - cloud.own_since[i]))
+        lon, lat = binary(p)
+        far = ti.cast(clearance(lon, lat, coast), ti.f64) * ti.f64(UNIT)
+        far *= ti.sqrt(p[0] * p[0] + p[1] * p[1]) - far  # the least cosine of a latitude that far off
+        if far > ti.f64(ALONG):
+            cloud.own_free[i] = time + far / ti.max(fastest, rate)
+        elif rate <= 0.0:
+            cloud.own_free[i] = NEVER
+        else:
+            then = time + ti.f64(ALONG) / rate
+            q, _v = turned(p0, u0, rate * (then - cloud.own_since[i]))
+            to_lon, to_lat = binary(q)
+            hit, x, y, share, _edge = first_crossing(lon, lat, to_lon - lon, to_lat - lat, coast)
+            met = time + ti.cast(share, ti.f64) * (then - time)
+            if hit == 0:
+                cloud.own_free[i] = then
+            elif met > until:
+                going = 0
+            else:
+                stop = on_sphere(x, y)
+                if turns == 0 or (met - cloud.own_since[i]) * rate > ti.f64(NOWHERE):
+                    turns, back = 0, (p - stop * p.dot(stop)).normalized(ti.f64(1e-15))
+                turns += 1
+                cloud.own_acts[i] += 1
+                drawn = words(seed0, seed1, noise.STREAM_ACT, run, cloud.own_serial[i], cloud.own_acts[i])
+                course = unit(drawn[1]) * ti.f64(6.283185307179586)
+                east, north = frame(stop)
+                onward = north * ti.cos(course) + east * ti.sin(course)
+                if turns > TURNS:
+                    onward = back
+                if turns > TURNS + 1 or onward.norm() < 0.5:
+                    onward, cloud.own_rate[i] = north, 0.0  # hemmed in: it stays there until it acts
+                anchor(cloud, i, stop, onward, met)
+                cloud.own_free[i] = met
+
+
+@ti.func
 def clock(rules: ti.template(), law: ti.i32, time: ti.f64, word: ti.u32) -> ti.f64:
     """Return when a particle that is new at a time acts first [s]."""
     due = ti.f64(NEVER)
@@ -230,8 +304,10 @@ def clock(rules: ti.template(), law: ti.i32, time: ti.f64, word: ti.u32) -> ti.f
 
 @ti.func
 def cut(
+    coastal: ti.template(),
     cloud: ti.template(), rules: ti.template(), sweeps: ti.template(), legs: ti.template(), e: ti.i32, base: ti.i32,
     count: ti.i32, law: ti.i32, first_leg: ti.i32, last_leg: ti.i32, run: ti.i32, seed0: ti.u32, seed1: ti.u32,
+    coast: ti.template(),
 ):  # fmt: skip
     """Have particles act until sweep e, and keep those that it does not contradict, closed up to the front.
 
@@ -255,8 +331,14 @@ def cut(
     mean, velocity = f64x3(0.0, 0.0, 0.0), f64x3(0.0, 0.0, 0.0)
     for j in range(count):
         i = base + j
-        while cloud.own_due[i] <= time:
-            act(cloud, rules, legs, i, law, first_leg, last_leg, run, seed0, seed1)
+        acting = 1
+        while acting == 1:
+            acting = ti.cast(cloud.own_due[i] <= time, ti.i32)
+            if ti.static(coastal):
+                keep_off(cloud, i, ti.min(cloud.own_due[i], time), rules.rule_fastest[law], run, seed0, seed1, coast)
+            if acting == 1:
+                act(cloud, rules, legs, i, law, first_leg, last_leg, run, seed0, seed1)
+                cloud.own_free[i] = cloud.own_since[i]
         p0, u0 = at(cloud, i)
         angle = cloud.own_rate[i] * (time - cloud.own_since[i])
         p, u = turned(p0, u0, angle)
@@ -292,10 +374,11 @@ def chord(angle: ti.f64) -> ti.f64:
 
 @ti.func
 def drawn_anew(
+    coastal: ti.template(),
     cloud: ti.template(), tracks: ti.template(), rules: ti.template(), sweeps: ti.template(), e: ti.i32, k: ti.i32,
-    count: ti.i32, size: ti.i32, drawn: ti.i32, seed0: ti.u32, seed1: ti.u32,
+    count: ti.i32, size: ti.i32, drawn: ti.i32, seed0: ti.u32, seed1: ti.u32, coast: ti.template(),
 ):  # fmt: skip
-    """Fill a cloud from the box of a detection; return how many particles it has drawn so far.
+    """Fill a cloud from the box of a detection; return how many particles it has now, and how many it has drawn so far.
 
     The last estimate tells which of them are likely, or where they come from; without one all are alike.
     """
@@ -325,13 +408,24 @@ def drawn_anew(
             cloud.own_weight[base + j] = ti.max(high - pace, least)
         mean += cloud.own_weight[base + j]
     mean = mean / ti.cast(count, ti.f64) if count > 0 else ti.f64(1.0)
+    there = count
     for j in range(count, size):
-        i, serial = base + j, drawn + j - count
+        i, serial = base + there, drawn + j - count
         a = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 0)
         b = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1)
-        distance = sweeps.sweep_near[e] + unit(a[0]) * (sweeps.sweep_far[e] - sweeps.sweep_near[e])
-        way = bearing + (2.0 * unit(a[1]) - 1.0) * sweeps.sweep_half[e]
-        p = s * ti.cos(distance) + (north * ti.cos(way) + east * ti.sin(way)) * ti.sin(distance)
+        p, wet, tried = s, 0, 0
+        while wet == 0 and tried < PLACES:
+            place = a
+            if tried > 0:
+                place = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1 + tried)
+            distance = sweeps.sweep_near[e] + unit(place[0]) * (sweeps.sweep_far[e] - sweeps.sweep_near[e])
+            way = bearing + (2.0 * unit(place[1]) - 1.0) * sweeps.sweep_half[e]
+            p = s * ti.cos(distance) + (north * ti.cos(way) + east * ti.sin(way)) * ti.sin(distance)
+            wet = 1
+            if ti.static(coastal):
+                lon, lat = binary(p)
+                wet = is_wet(lon, lat, coast)
+            tried += 1
         own_east, own_north = frame(p)
         course, rate = unit(a[2]) * ti.f64(6.283185307179586), unit(a[3]) * high
         u = own_north * ti.cos(course) + own_east * ti.sin(course)
@@ -347,7 +441,9 @@ def drawn_anew(
         anchor(cloud, i, p, u, time)
         cloud.own_rate[i], cloud.own_weight[i], cloud.own_mode[i] = rate, weight, ACTING
         cloud.own_serial[i], cloud.own_acts[i], cloud.own_due[i] = serial, 0, clock(rules, law, time, b[1])
-    return drawn + size - count
+        cloud.own_free[i] = time
+        there += wet
+    return there, drawn + size - count
 
 
 @ti.func
@@ -438,9 +534,11 @@ def density(cloud: ti.template(), base: ti.i32, count: ti.i32, place: f64x3, wit
 
 @ti.func
 def followed(
+    coastal: ti.template(),
     areas: ti.i32,
     k: ti.i32, size: ti.i32, seed0: ti.u32, seed1: ti.u32, cloud: ti.template(), tracks: ti.template(),
     rules: ti.template(), sweeps: ti.template(), legs: ti.template(), estimates: ti.template(),
+    coast: ti.template(),
 ):  # fmt: skip
     """Take cloud k through its sweeps."""
     law, run, base = tracks.track_rules[k], tracks.track_run[k], k * size
@@ -462,7 +560,7 @@ def followed(
             continue
         before = count
         count, nearest, total, rate, mean, velocity = cut(
-            cloud, rules, sweeps, legs, e, base, before, law, first_leg, last_leg, run, seed0, seed1
+            coastal, cloud, rules, sweeps, legs, e, base, before, law, first_leg, last_leg, run, seed0, seed1, coast
         )
         clear_until = ti.f64(-NEVER)
         if outcome == SILENT and count == before:
@@ -472,8 +570,9 @@ def followed(
         if outcome == SILENT and count < before and share < rules.rule_bulk[law]:
             count = 0  # the track is lost
         elif outcome == DETECTED and (share < rules.rule_bulk[law] or count == 0):
-            drawn = drawn_anew(cloud, tracks, rules, sweeps, e, k, count, size, drawn, seed0, seed1)
-            count = size
+            count, drawn = drawn_anew(
+                coastal, cloud, tracks, rules, sweeps, e, k, count, size, drawn, seed0, seed1, coast
+            )
             total, rate, mean, velocity = summed(cloud, base, count, time)
         elif outcome != MARK and count > 0 and share < rules.rule_partial[law]:
             drawn = duplicated(cloud, rules, base, count, size, drawn, law, time, run, seed0, seed1)
@@ -499,27 +598,33 @@ def followed(
 
 @ti.kernel
 def _follow(
+    coastal: ti.template(),
     areas: ti.i32,
     clouds: ti.i32, size: ti.i32, seed0: ti.u32, seed1: ti.u32, cloud: Cloud, tracks: Tracks, rules: Rules,
-    sweeps: Sweeps, legs: Legs, estimates: Doubles,
+    sweeps: Sweeps, legs: Legs, estimates: Doubles, coast: Coast,
 ):  # fmt: skip
     """Take every cloud through its sweeps, each by a thread of its own."""
     for turn in range(clouds * BLOCK):
         if turn % BLOCK == 0:
-            followed(areas, turn // BLOCK, size, seed0, seed1, cloud, tracks, rules, sweeps, legs, estimates)
+            followed(
+                coastal, areas, turn // BLOCK, size, seed0, seed1, cloud, tracks, rules, sweeps, legs, estimates, coast
+            )
 
 
 def follow(
-    areas: bool, size: int, seed: int, cloud: Any, tracks: Any, rules: Any, sweeps: Any, legs: Any, estimates: Any
-) -> None:
+    areas: bool, size: int, seed: int, cloud: Any, tracks: Any, rules: Any, sweeps: Any, legs: Any, estimates: Any,
+    coast: DeviceCoast | None = None,
+) -> None:  # fmt: skip
     """Take clouds through their sweeps.
 
     areas: whether the level of the target is asked for at marks. size: most particles of a cloud; cloud: columns of Cloud by name, of all clouds (clouds * size,); tracks, rules,
-    sweeps, legs: columns of Tracks, Rules, Sweeps and Legs; estimates: (rows * 9,), the FIELDS of each.
+    sweeps, legs: columns of Tracks, Rules, Sweeps and Legs; estimates: (rows * 9,), the FIELDS of each. coast: on whose land
+    no particle is, None: anywhere.
     """
     seed0, seed1 = noise.key(seed)
     packs = [
         launch.pack(kind, *(columns[name] for name in kind.members))
         for kind, columns in ((Cloud, cloud), (Tracks, tracks), (Rules, rules), (Sweeps, sweeps), (Legs, legs))
     ]
-    _follow(areas, tracks["track_count"].shape[0], size, seed0, seed1, *packs, estimates)
+    sea = (coast or open_sea()).pack
+    _follow(coast is not None, areas, tracks["track_count"].shape[0], size, seed0, seed1, *packs, estimates, sea)

@@ -175,8 +175,8 @@ def _first(lon, lat, sx, sy, coast: ti.template()):
 
 
 @ti.func
-def is_clear(lon, lat, reach, coast: ti.template()):
-    """Return 1 if no move of at most `reach` units along each axis can meet the coast.
+def clearance(lon, lat, coast: ti.template()):
+    """Return how far a move may lead along each axis [binary angle] without meeting the coast, wherever; 0 where nobody knows.
 
     This costs one look-up of a cell's byte, and no branch.
     """
@@ -186,7 +186,13 @@ def is_clear(lon, lat, reach, coast: ti.template()):
     inside = (column < frame[3]) & (row >= 0) & (row < frame[4])
     away = ti.cast(coast.cell[ti.select(inside, row * frame[3] + column, 0)], ti.i32) & 127
     # A move of k cells' width ends at most k cells away, wherever in the cell it begins; k < away is clear.
-    return (reach == 0) | (inside & (reach <= (away - 1) << frame[2]))
+    return ti.select(inside, (away - 1) << frame[2], 0)
+
+
+@ti.func
+def is_clear(lon, lat, reach, coast: ti.template()):
+    """Return 1 if no move of at most `reach` units along each axis can meet the coast."""
+    return (reach == 0) | (reach <= clearance(lon, lat, coast))
 
 
 @ti.func

@@ -246,6 +246,8 @@ class TrackingTable(fields.Table):
     """Of detections: times after the start at which the cloud is drawn and its areas are told; by default the last detection, the end, and between."""
     tracker: TrackerTable = TrackerTable()
     """Who follows."""
+    land: Literal["turn", "ignore"] = "turn"
+    """What the shore means to particles, and to a target that acts: they turn there to any other course, or pass over."""
     sensor: Annotated[list[SensorTable], Field(min_length=1)]
     """Its sensors."""
     method: Annotated[list[MethodTable], Field(min_length=1)]
@@ -381,5 +383,5 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
         tuple(method.tracker() for method in table.method),
         table.experiment.window or (0.0, math.inf),
         None if criteria is None else Criteria(criteria.position, math.radians(criteria.course), criteria.speed),
-        table.experiment.areas, tuple(sorted(table.show)), chase, table.experiment.published,
+        table.experiment.areas, tuple(sorted(table.show)), chase, table.experiment.published, table.land == "turn",
     )  # fmt: skip

@@ -12,6 +12,7 @@ from drift.experiments.record import Experiment
 from drift.maps.imprint import Imprint
 from drift.output import formats, writer
 from drift.tracker import experiment as tracked
+from drift.tracker import shore
 from drift.tracker.study import Scene
 from geo.errors import UserError
 from kernels import runtime
@@ -46,7 +47,8 @@ def experiment(
             raise UserError(f'"{name}" has detections, no [target] to be compared with: drift track {name}')
         runtime.start(backend, threads)
         with runtime.alone():
-            outcome = tracked.run(asked, partial(tell, "following"))
+            coast = shore.of_study(asked)
+            outcome = tracked.run(asked, None if coast is None else coast.device, partial(tell, "following"))
         found = Experiment(
             asked.title, asked.text, asked.seed, asked.runs, f"{asked.size:,} particles, {outcome.sweeps:,} sweeps",
             tuple(method.name for method in asked.methods), outcome.figures, asked.published, outcome,

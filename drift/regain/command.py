@@ -17,7 +17,7 @@ from drift.maps.imprint import Imprint
 from drift.output import formats, writer
 from drift.regain import chapter
 from drift.regain.record import Chased, Regained
-from drift.tracker import density, holding, pursuit
+from drift.tracker import density, holding, pursuit, shore
 from drift.tracker.detections import Detections
 from drift.tracker.study import Study
 from geo import sphere
@@ -25,6 +25,7 @@ from geo.array import Array
 from geo.box import Box
 from geo.errors import UserError
 from kernels import noise, runtime
+from kernels.coast import DeviceCoast
 
 SHARES = (0.5, 0.9)  # of the probability, of the areas told
 
@@ -51,11 +52,13 @@ def track(
     land = coastline.lands(None, Coast("gshhg", "strand"))
     runtime.start(backend, threads)
     with runtime.alone():
-        held = holding.hold(asked, partial(tell, "following"))
-        chased = _chased(asked, land, tell)
+        coast = shore.of_study(asked)
+        held = holding.hold(asked, None if coast is None else coast.device, partial(tell, "following"))
+        chased = _chased(asked, land, None if coast is None else coast.device, tell)
     tell("areas", 0.0)
+    dry = None if coast is None else coast.dry
     areas = tuple(
-        (time, {} if cloud is None else density.areas(density.surface(cloud.place, cloud.weight), SHARES))
+        (time, {} if cloud is None else density.areas(density.surface(cloud.place, cloud.weight, dry), SHARES))
         for time, cloud in held.clouds
     )
     found = Regained(held, areas, chased)
@@ -65,7 +68,9 @@ def track(
     return found
 
 
-def _chased(asked: Study, land: Callable[[Box], Any], tell: Callable[[str, float], None]) -> Chased | None:
+def _chased(
+    asked: Study, land: Callable[[Box], Any], coast: DeviceCoast | None, tell: Callable[[str, float], None]
+) -> Chased | None:
     """Return the path that a case asks for; raise UserError where there is none."""
     chase = asked.pursuit
     if chase is None:
@@ -87,10 +92,10 @@ def _chased(asked: Study, land: Callable[[Box], Any], tell: Callable[[str, float
         return shut.reshape(lon.shape)
 
     try:
-        found = pursuit.pursue(chase, holding.onward(asked, asked.seed), closed)
+        found = pursuit.pursue(chase, holding.onward(asked, asked.seed, coast), closed)
     except ValueError as error:
         raise UserError(f"{asked.name}: pursuit: {error}") from None
-    other = holding.onward(asked, noise.seed_for(asked.seed, noise.Purpose.PURSUIT))
+    other = holding.onward(asked, noise.seed_for(asked.seed, noise.Purpose.PURSUIT), coast)
     return Chased(found, pursuit.judged(chase, found.path, other))
 
 

@@ -4,7 +4,7 @@ Parzen 1962, On estimation of a probability density function and mode. The windo
 the weights (Scott 2015, Multivariate density estimation); the areas are those of forecasts.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,8 +38,11 @@ class Region:
     outline: shapely.MultiPolygon  # [deg], unwrapped
 
 
-def surface(place: Array, weight: Array) -> Surface:
-    """Return the density of particles at unit vectors (n, 3) with weights (n,), that lie within a hemisphere."""
+def surface(place: Array, weight: Array, dry: Callable[[Array, Array], Array] | None = None) -> Surface:
+    """Return the density of particles at unit vectors (n, 3) with weights (n,), that lie within a hemisphere.
+
+    dry: returns whether places (lon, lat) [rad] are on land; cells whose middles are have nothing, unless all are.
+    """
     lon, lat = np.radians(path.degrees(np.average(place, axis=0, weights=weight)))
     own = np.radians(path.degrees(place))
     points = np.stack(sphere.offset(lon, lat, own[0], own[1]))
@@ -53,6 +56,8 @@ def surface(place: Array, weight: Array) -> Surface:
     x, y = np.meshgrid(np.radians(cells.lon()), np.radians(cells.lat()))
     at = np.stack(sphere.offset(lon, lat, x.ravel(), y.ravel()))
     mass = kernel(at).reshape(cells.shape) * cells.area()[:, None]
+    wet = mass if dry is None else np.where(dry(x, y), 0.0, mass)
+    mass = wet if wet.any() else mass
     return Surface(cells, mass / mass.sum())
 
 

@@ -11,6 +11,7 @@ from drift.tracker.following import Errors
 from drift.tracker.study import Study
 from geo.array import Array
 from geo.notation import KNOT, NMI
+from kernels.coast import DeviceCoast
 
 MET = "time to criteria"
 
@@ -26,10 +27,10 @@ class Outcome:
     sweeps: int  # of the first run
 
 
-def run(asked: Study, tell: Callable[[float], None] = lambda share: None) -> Outcome:
-    """Return the figures of an experiment; tell: takes the share that is done."""
-    worlds, ways = study.worlds(asked)
-    found = following.follow(worlds, asked.methods, asked.size, asked.seed, bool(asked.areas), tell)
+def run(asked: Study, shore: DeviceCoast | None = None, tell: Callable[[float], None] = lambda share: None) -> Outcome:
+    """Return the figures of an experiment; shore: on whose land nobody is; tell: takes the share that is done."""
+    worlds, ways = study.worlds(asked, shore)
+    found = following.follow(worlds, asked.methods, asked.size, asked.seed, bool(asked.areas), tell, shore)
     place, velocity, regular = [], [], []
     for world, way in zip(worlds, ways, strict=True):
         told = world.sweeps.row >= 0

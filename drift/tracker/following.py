@@ -15,6 +15,7 @@ from drift.tracker.sweeps import Sweeps, joined
 from geo import sphere
 from geo.array import Array
 from kernels import clouds, noise, runtime
+from kernels.coast import DeviceCoast
 
 TOGETHER = 2**21  # particles that are held at once: 250 MB
 
@@ -51,12 +52,13 @@ class Particles:
 
 def follow(
     worlds: Sequence[World], trackers: Sequence[Tracker], size: int, seed: int,
-    areas: bool = False, tell: Callable[[float], None] = lambda share: None,
+    areas: bool = False, tell: Callable[[float], None] = lambda share: None, shore: DeviceCoast | None = None,
 ) -> Estimates:  # fmt: skip
     """Follow the target of every world in every way; size: particles of a cloud.
 
     Worlds may be one object: its sweeps are then kept once. Clouds of one world share their random numbers, whatever
-    the way of following. areas: whether levels are asked for. tell: takes the share that is done.
+    the way of following. areas: whether levels are asked for. tell: takes the share that is done. shore: on whose land no particle is,
+    None: anywhere.
     """
     if size < 1:
         raise ValueError(f"a cloud needs a particle or more, not {size}")
@@ -65,7 +67,7 @@ def follow(
     step = max(TOGETHER // (size * len(trackers)), 1)
     for first in range(0, len(worlds), step):
         some = slice(first, first + step)
-        batch = Clouds(worlds[some], trackers, size, seed, first, areas).go()
+        batch = Clouds(worlds[some], trackers, size, seed, first, areas, shore).go()
         found[:, some, : batch.rows] = batch.fields
         tell(min((first + step) / len(worlds), 1.0))
     metres = sphere.RADIUS
@@ -91,9 +93,10 @@ class Clouds:
         seed: int,
         run: int = 0,
         areas: bool = False,
+        shore: DeviceCoast | None = None,
     ) -> None:
         """Have no track of anything yet; run: number of the first world, the key of its random numbers."""
-        self.areas = areas
+        self.areas, self._shore = areas, shore
         distinct = {id(world): world for world in worlds}
         places = {key: k for k, key in enumerate(distinct)}
         which = np.array([places[id(world)] for world in worlds])
@@ -128,7 +131,9 @@ class Clouds:
         last = [b + np.searchsorted(time[b:e], until, side="right") for b, e in zip(first, self._end, strict=True)]
         self._tracks["track_first"].from_numpy(first)
         self._tracks["track_last"].from_numpy(np.array(last, np.int32))
-        clouds.follow(self.areas, self.size, self.seed, self._cloud, self._tracks, *self._fixed, self._found)
+        clouds.follow(
+            self.areas, self.size, self.seed, self._cloud, self._tracks, *self._fixed, self._found, self._shore
+        )
         return self
 
     def hold(self, place: Array, velocity: Array) -> None:
@@ -138,6 +143,7 @@ class Clouds:
         for name, value in (("own_place", place), ("own_way", onward)):
             self._cloud[name].from_numpy(np.tile(value, (many, self.size)).reshape(-1))
         self._cloud["own_rate"].from_numpy(np.full(many * self.size, rate))
+        self._cloud["own_free"].from_numpy(np.zeros(many * self.size))
         self._cloud["own_weight"].from_numpy(np.ones(many * self.size))
         self._tracks["track_count"].from_numpy(np.ones(many, np.int32))
 
@@ -196,7 +202,9 @@ def legs(trackers: Sequence[Path]) -> dict[str, Any]:
     return _columns(clouds.Legs, "leg", values)
 
 
-def wanders(begin: Path, law: Behaviour, tracker: Path, moments: Array, runs: int, seed: int) -> list[Path]:
+def wanders(
+    begin: Path, law: Behaviour, tracker: Path, moments: Array, runs: int, seed: int, shore: DeviceCoast | None = None
+) -> list[Path]:
     """Return the ways of a target that acts, one a run; begin: a way from which it departs at its first act.
 
     moments: times [s], ascending, between which it is taken to go straight. It is moved as a particle is, by numbers of
@@ -207,7 +215,7 @@ def wanders(begin: Path, law: Behaviour, tracker: Path, moments: Array, runs: in
     marks = sweeps_of.marks(moments, begin)
     marks = replace(marks, row=np.arange(len(moments), dtype=np.int32))
     seed = noise.seed_for(seed, noise.Purpose.TARGET)
-    alone = Clouds([World(tracker, marks)] * runs, [way], 1, seed)
+    alone = Clouds([World(tracker, marks)] * runs, [way], 1, seed, shore=shore)
     alone.hold(place[0], velocity[0])
     found = alone.go().fields[0, ..., :3]
     time = np.append(0.0, moments) if moments[0] > 0 else moments

@@ -14,6 +14,7 @@ from drift.tracker.study import Study
 from drift.tracker.sweeps import Sweeps
 from geo import sphere
 from geo.array import Array
+from kernels.coast import DeviceCoast
 
 SAME = 1.0  # [m] within which a pursuit begins where the tracker is
 
@@ -34,14 +35,17 @@ class Held:
     lost: tuple[float, ...]  # [s] when the track was lost
 
 
-def hold(asked: Study, tell: Callable[[float], None] = lambda share: None) -> Held:
-    """Return the track by a case's detections, in its first way of following; tell: takes the share that is done."""
+def hold(asked: Study, shore: DeviceCoast | None = None, tell: Callable[[float], None] = lambda share: None) -> Held:
+    """Return the track by a case's detections, in its first way of following.
+
+    shore: on whose land no particle is, None: anywhere; tell: takes the share that is done.
+    """
     found = asked.target
     assert isinstance(found, Detections)
     shown = asked.shown or _shown(asked, found)
     moments = np.unique(np.concatenate([[0.0], study.marks(asked), [asked.end], shown]))
     told = detections.ordered(asked.sensors, found, asked.tracker, moments, _silent_until(asked))
-    held = Clouds([World(asked.tracker, told)], asked.methods[:1], asked.size, asked.seed)
+    held = Clouds([World(asked.tracker, told)], asked.methods[:1], asked.size, asked.seed, shore=shore)
     clouds = []
     for number, time in enumerate(shown, 1):
         particles = held.go(time).particles(0, 0, time)
@@ -57,8 +61,11 @@ def hold(asked: Study, tell: Callable[[float], None] = lambda share: None) -> He
     )  # fmt: skip
 
 
-def onward(asked: Study, seed: int) -> Forecast:
-    """Return what tells where the cloud's particles go while the tracker pursues them; seed: of the cloud's random numbers."""
+def onward(asked: Study, seed: int, shore: DeviceCoast | None = None) -> Forecast:
+    """Return what tells where the cloud's particles go while the tracker pursues them.
+
+    seed: of the cloud's random numbers; shore: on whose land no particle is.
+    """
     found, chase = asked.target, asked.pursuit
     assert isinstance(found, Detections)
     assert chase is not None
@@ -71,7 +78,7 @@ def onward(asked: Study, seed: int) -> Forecast:
         if joins:
             tracker = Path(np.append(tracker.time[known], way.time), np.vstack([tracker.place[known], way.place]))
         told = detections.ordered(asked.sensors, found, tracker, chase.times, chase.begin)
-        held = Clouds([World(tracker, told)], asked.methods[:1], asked.size, seed)
+        held = Clouds([World(tracker, told)], asked.methods[:1], asked.size, seed, shore=shore)
         clouds = [held.go(time).particles(0, 0, time) for time in chase.times]
         return np.stack([cloud.place for cloud in clouds]), clouds[0].weight
 

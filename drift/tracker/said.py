@@ -22,6 +22,7 @@ def facts(study: Study) -> dict[str, str]:
         told["runs"] = f"{study.runs:,}"
     else:
         told["detections"] = _detections(study, study.target)
+    told["land"] = "particles turn at the shore (GSHHG)" if study.minds_land else "particles pass over it"
     told["tracker"] = _way(study.tracker.place, study.tracker.rate)
     told |= {f'sensor "{sensor.name}"': _sensor(sensor) for sensor in study.sensors}
     told |= {f'way of following "{method.name}"': _method(method) for method in study.methods}

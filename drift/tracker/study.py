@@ -11,6 +11,7 @@ from drift.tracker.path import Path
 from drift.tracker.pursuit import Pursuit
 from drift.tracker.records import Behaviour, Plan, Sensor, Tracker
 from geo.array import Array
+from kernels.coast import DeviceCoast
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,7 @@ class Study:
     shown: tuple[float, ...] = ()  # [s] when the cloud is drawn and its areas are told
     pursuit: Pursuit | None = None  # of detections: a path on which to meet the target, or to avoid it
     published: dict[str, dict[str, float]] = field(default_factory=dict)  # by way of following and figure
+    minds_land: bool = True  # whether particles keep to the water
 
 
 def marks(study: Study) -> Array:
@@ -62,8 +64,11 @@ def marks(study: Study) -> Array:
     return study.every * np.arange(1, int(study.end / study.every + 1e-9) + 1)
 
 
-def worlds(study: Study) -> tuple[list[World], list[Path]]:
-    """Return the worlds of all runs, and the target's way in each; where it does not act, all are one."""
+def worlds(study: Study, shore: DeviceCoast | None = None) -> tuple[list[World], list[Path]]:
+    """Return the worlds of all runs, and the target's way in each; where it does not act, all are one.
+
+    shore: off which a target keeps that acts.
+    """
     scene = study.target
     assert isinstance(scene, Scene)
     times = _times(study, scene)
@@ -71,7 +76,7 @@ def worlds(study: Study) -> tuple[list[World], list[Path]]:
         ways = [scene.way]
     else:
         moments = np.unique(np.concatenate([marks(study), *times]))
-        ways = following.wanders(scene.way, scene.acts, study.tracker, moments, study.runs, study.seed)
+        ways = following.wanders(scene.way, scene.acts, study.tracker, moments, study.runs, study.seed, shore)
     made = [_world(study, way, times) for way in ways]
     return (made, ways) if len(ways) == study.runs else (made * study.runs, ways * study.runs)
 
