@@ -28,7 +28,7 @@ ACTING, SEEKING, HIDING = range(3)  # what a particle is about
 
 BLOCK = 512  # turns of a loop that Taichi never parts between threads: one cloud in each
 LEAST = 0.1 / 32  # least weight, as a share of the fastest speed: a tenth of a knot where that is 32
-FAR = 0.05  # [rad] of way after which the anchor moves on, so that the series below hold to 1e-12
+FAR = 0.05  # [rad] of way after which the anchor moves on; to twice that the series below hold to 1e-12
 NEVER = 1e300  # [s]
 UNIT = 6.283185307179586 / 4294967296.0  # [rad] of a binary angle
 ALONG = 2e-4  # [rad] of way that is held against the shore as a straight line in longitude and latitude: 1.3 km, 3 cm off at 60 degrees
@@ -134,10 +134,12 @@ def frame(p: f64x3):
 
 @ti.func
 def turned(p: f64x3, u: f64x3, angle: ti.f64):
-    """Return (place, tangent) after a way of an angle [rad], of at most a few times FAR, from place and tangent."""
+    """Return (place, tangent) after a way of an angle [rad] from place and tangent."""
     y = angle * angle
     c = ti.f64(1.0) - y * (ti.f64(1 / 2) - y * (ti.f64(1 / 24) - y * ti.f64(1 / 720)))
     s = angle * (ti.f64(1.0) - y * (ti.f64(1 / 6) - y * (ti.f64(1 / 120) - y * ti.f64(1 / 5040))))
+    if y > ti.f64(4 * FAR * FAR):  # nobody looked for so long
+        c, s = ti.cos(angle), ti.sin(angle)
     return p * c + u * s, u * c - p * s
 
 

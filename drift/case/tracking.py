@@ -330,6 +330,11 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
     for what, after in (("every", table.every), *(("show", after) for after in table.show)):
         if after > table.duration:
             wrong.lines.append(f"{what}: {after:g} s is longer than the case, {table.duration:g} s")
+    window = table.experiment.window
+    if window is not None and not math.floor(min(window[1], table.duration) / table.every) * table.every >= window[0]:
+        wrong.lines.append(
+            f"experiment.window: no figure is taken from {window[0]:g} to {window[1]:g} s; the case lasts {table.duration:g} s, every {table.every:g} s"
+        )
     for kind in ("sensor", "method"):
         names = [one.name for one in getattr(table, kind)]
         twice = {n for n in names if names.count(n) > 1}

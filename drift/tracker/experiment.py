@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drift.tracker import following, study
-from drift.tracker.figures import Figure, over
+from drift.tracker.figures import Figure, of_times
 from drift.tracker.following import Errors
 from drift.tracker.study import Study
 from geo.array import Array
@@ -64,13 +64,13 @@ def _figures(
     inside = (moments >= asked.window[0]) & (moments <= asked.window[1])
     scales = {"position": ("nmi", 1 / NMI), "course": ("deg", np.degrees(1.0)), "speed": ("kn", 1 / KNOT)}
     figures = [
-        Figure(f"{name} error", unit, over(np.nanmean, getattr(at_marks, name)[..., inside]) * scale)
+        of_times(f"{name} error", unit, getattr(at_marks, name)[..., inside] * scale)
         for name, (unit, scale) in scales.items()
     ]
     figures.append(Figure("track held", "%", 100 * np.isfinite(at_marks.position[..., inside]).mean(axis=-1)))
     for share in asked.areas:
         inside_it = np.where(np.isfinite(levels), levels < share, np.nan)[..., inside]
-        figures.append(Figure(f"in {100 * share:g} % area", "%", 100 * over(np.nanmean, inside_it)))
+        figures.append(of_times(f"in {100 * share:g} % area", "%", 100 * inside_it))
     if asked.criteria is not None:
         near = (errors.position < asked.criteria.position) & (errors.course < asked.criteria.course)
         near &= errors.speed < asked.criteria.speed

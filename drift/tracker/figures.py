@@ -18,6 +18,9 @@ class Figure:
     name: str
     unit: str
     values: Array  # (ways of following, runs); NaN: that run has none
+    apart: Array | None = (
+        None  # differences from the first way (ways, runs), where more is known of them than the values tell
+    )
 
     def mean(self) -> Array:
         """Return the mean over the runs that have one (ways of following,)."""
@@ -44,8 +47,17 @@ class Figure:
 
         Runs share their random numbers, so that it errs by less than two means do.
         """
-        apart = Figure(self.name, self.unit, self.values - self.values[0])
+        apart = Figure(self.name, self.unit, self.values - self.values[0] if self.apart is None else self.apart)
         return apart.mean(), apart.error()
+
+
+def of_times(name: str, unit: str, values: Array) -> Figure:
+    """Return a figure that is a mean over times (ways of following, runs, times); NaN: that way has none then.
+
+    Differences are over the times at which both ways have one: who loses the target when it is hard to follow would else seem to
+    follow it better.
+    """
+    return Figure(name, unit, over(np.nanmean, values), over(np.nanmean, values - values[:1]))
 
 
 def over(reduce: Callable[[Array], Array], values: Array) -> Array:

@@ -136,16 +136,23 @@ class Clouds:
         )
         return self
 
-    def hold(self, place: Array, velocity: Array) -> None:
-        """Have one particle in every cloud, at a place with a velocity [1/s] at the start, each (3,)."""
-        many, rate = math.prod(self.shape), float(np.linalg.norm(velocity))
-        onward = velocity / rate if rate > 0 else path.frame(place).north
+    def hold(self, place: Array, velocity: Array, since: Array) -> None:
+        """Have one particle in every cloud of the one way of following, that acts first when it is at a place.
+
+        place, velocity [1/s]: (worlds, 3), since: when it is there [s] (worlds,).
+        """
+        assert self.shape[0] == self.size == 1
+        rate = np.linalg.norm(velocity, axis=1)
+        onward = np.where(rate[:, None] > 0, velocity / np.maximum(rate, 1e-300)[:, None], path.frame(place).north)
         for name, value in (("own_place", place), ("own_way", onward)):
-            self._cloud[name].from_numpy(np.tile(value, (many, self.size)).reshape(-1))
-        self._cloud["own_rate"].from_numpy(np.full(many * self.size, rate))
-        self._cloud["own_free"].from_numpy(np.zeros(many * self.size))
-        self._cloud["own_weight"].from_numpy(np.ones(many * self.size))
-        self._tracks["track_count"].from_numpy(np.ones(many, np.int32))
+            self._cloud[name].from_numpy(np.ascontiguousarray(value).reshape(-1))
+        for name, value in (
+            ("own_rate", rate),
+            ("own_weight", np.ones(len(rate))),
+            *((name, since) for name in ("own_since", "own_due", "own_free")),
+        ):
+            self._cloud[name].from_numpy(np.ascontiguousarray(value, np.float64))
+        self._tracks["track_count"].from_numpy(np.ones(len(rate), np.int32))
 
     @property
     def fields(self) -> Array:
@@ -205,22 +212,27 @@ def legs(trackers: Sequence[Path]) -> dict[str, Any]:
 def wanders(
     begin: Path, law: Behaviour, tracker: Path, moments: Array, runs: int, seed: int, shore: DeviceCoast | None = None
 ) -> list[Path]:
-    """Return the ways of a target that acts, one a run; begin: a way from which it departs at its first act.
+    """Return the ways of a target that acts, one a run; begin: the way that it keeps to until its first act.
 
     moments: times [s], ascending, between which it is taken to go straight. It is moved as a particle is, by numbers of
     its own.
     """
-    place, velocity = begin.at([0.0])
-    way = Tracker("target", law, Filling())
+    if law.acts is None:
+        return [begin] * runs
+    seed = noise.seed_for(seed, noise.Purpose.TARGET)
+    due = np.array([noise.generator(seed, noise.Purpose.TARGET, run).uniform(*law.acts) for run in range(runs)])
+    first = begin.at(due)
     marks = sweeps_of.marks(moments, begin)
     marks = replace(marks, row=np.arange(len(moments), dtype=np.int32))
-    seed = noise.seed_for(seed, noise.Purpose.TARGET)
-    alone = Clouds([World(tracker, marks)] * runs, [way], 1, seed, shore=shore)
-    alone.hold(place[0], velocity[0])
+    alone = Clouds([World(tracker, marks)] * runs, [Tracker("target", law, Filling())], 1, seed, shore=shore)
+    alone.hold(*first, due)
     found = alone.go().fields[0, ..., :3]
-    time = np.append(0.0, moments) if moments[0] > 0 else moments
-    first = np.broadcast_to(place, (runs, 1, 3)) if moments[0] > 0 else found[:, :0]
-    return [Path(time, both) for both in np.concatenate([first, found], axis=1)]
+    ways = []
+    for own, place, places in zip(due, first[0], found, strict=True):
+        early, late = begin.time < own, moments > own
+        time = np.concatenate([begin.time[early], [own], moments[late]])
+        ways.append(Path(time, np.concatenate([begin.place[early], place[None], places[late]])))
+    return ways
 
 
 @dataclass(frozen=True)

@@ -147,13 +147,14 @@ def pursue(asked: Pursuit, forecast: Forecast, closed: Closed | None = None) -> 
         seen = path.arc(places[step], centres[plan[step]]) * sphere.RADIUS <= asked.reach
         before, left = left.sum(), np.where(seen, 0.0, left)
         met.append(1.0 - left.sum())
-        if (step == 0 or trigger.observed(left.sum() / before)) and left.sum() > 0 and step < asked.steps:
+        some = left.sum() > 0 and step < asked.steps
+        if some and (step == 0 or trigger.observed(left.sum() / before)):
             plan = [*plan[: step + 1], *_plan(asked, centres, shut, places, left, plan[step], step, goal)]
             plans.append(step)
-            places, _ = forecast(_path(asked, centres, plan))
-        if step == len(plan) - 1 or left.sum() == 0:
+            places, _ = forecast(_path(asked, centres, plan, goal))
+        if step == len(plan) - 1 or (left.sum() == 0 and goal is None):
             break
-    return Pursued(_path(asked, centres, plan[: len(met)]), np.array(met), tuple(plans))
+    return Pursued(_path(asked, centres, plan[: len(met)], goal), np.array(met), tuple(plans))
 
 
 def _plan(
@@ -170,20 +171,26 @@ def _plan(
     return astar.cheapest(cost, STRIDE, here, goal, shut)[1:]
 
 
-def _path(asked: Pursuit, centres: Array, way: list[astar.Cell]) -> Path:
-    """Return the path through cells; what has arrived stays."""
-    place = np.array([centres[cell] for cell in way])
-    if len(way) == 1:
+def _path(asked: Pursuit, centres: Array, way: list[astar.Cell], goal: astar.Cell | None) -> Path:
+    """Return the path through cells, and from the destination's cell on to the destination; what has arrived stays."""
+    place, time = np.array([centres[cell] for cell in way]), asked.times[: len(way)]
+    if asked.to is not None and way[-1] == goal:
+        end = path.vector(*asked.to)
+        rest = float(path.arc(place[-1], end)) * sphere.RADIUS / asked.speed
+        if rest > 1.0:
+            place, time = np.vstack([place, end]), np.append(time, time[-1] + rest)
+    if len(place) == 1:
         return Path(asked.times[:2], np.repeat(place, 2, axis=0))
-    return Path(asked.times[: len(way)], place)
+    return Path(time, place)
 
 
 def judged(asked: Pursuit, found: Path, forecast: Forecast) -> Array:
     """Return the share of another cloud that a path meets by each of its looks: one the plan has not seen."""
     places, weight = forecast(found)
     left, met = weight / weight.sum(), []
-    for k, place in enumerate(found.place):
-        left = np.where(path.arc(places[k], place) * sphere.RADIUS <= asked.reach, 0.0, left)
+    looks = found.place[np.isin(found.time, asked.times)]
+    for there, place in zip(places, looks, strict=False):
+        left = np.where(path.arc(there, place) * sphere.RADIUS <= asked.reach, 0.0, left)
         met.append(1 - left.sum())
     return np.array(met)
 

@@ -32,7 +32,7 @@ class Plan:
         times = []
         for begin, off in self.spans(end):
             count = max(math.ceil((off - begin) / interval - 1e-9), 1)
-            times.append(begin + interval * np.arange(count))
+            times.append(np.round(begin + interval * np.arange(count), 6))  # what sensors have in common is one number
         return np.concatenate(times) if times else np.empty(0)
 
 

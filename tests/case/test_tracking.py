@@ -66,6 +66,7 @@ def test_a_good_case_is_read(tmp_path: Path) -> None:
         ('fastest = "32 kn"', 'fastest = "32 kn"\nbulk = 0.9', "bulk 0.9 must not be above partial 0.75"),
         ('radiates = { every = "20 min", lasting = "5 min" }', "", ""),
         ("change = 0.5", "change = 0.5\n[experiment]\nareas = [50, 120]", "must be a percentage above 0 and below 100"),
+        ("change = 0.5", 'change = 0.5\n[experiment]\nwindow = ["61 min", "99 min"]', "no figure is taken from 3660 to 5940 s; the case lasts 3600 s"),
         ("change = 0.5", "change = 0.5\n[experiment.published.other]\nx = 1", 'no method "other"'),
     ],
 )  # fmt: skip

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from drift.case import tracking
 from drift.tracker import experiment, figures, path, study
 from drift.tracker.figures import Figure
+from drift.tracker.records import Behaviour
 from geo import sphere
 
 KNOT, NMI = 1852 / 3600, 1852.0
@@ -78,6 +80,35 @@ def test_a_target_that_seeks_comes_nearer_in_every_run_and_one_that_keeps_its_co
     assert (
         path.arc(same.at(moments[:5])[0], there).max() * sphere.RADIUS < 0.6
     )  # a great circle for a rhumb line: s^2 tan(34) / 2 R, 0.49 m after 3 km; halves of 5 km parts
+
+
+def test_a_target_keeps_to_its_legs_until_it_acts_first() -> None:
+    """Each run at a time of its own, alike between the two of acts; without acts always."""
+    legs = [path.Leg(np.radians(80), 9 * KNOT, 300.0), path.Leg(np.radians(170), 14 * KNOT, 6900.0)]
+    begin = path.of_legs(np.radians(179.9), np.radians(-47.0), legs)
+    moments = np.arange(10.0, 7201.0, 10.0)
+    law = Behaviour(32 * KNOT, change=1.0, acts=(600.0, 4200.0))
+    ways = experiment.following.wanders(begin, law, begin, moments, 300, 9)
+    there = begin.at(moments)[0]
+    off = np.array([path.arc(one.at(moments)[0], there) * sphere.RADIUS > 1.0 for one in ways])
+    first = moments[off.argmax(axis=1)]  # up to 10 s late, and later where it turns little
+    assert off.any(axis=1).all()
+    assert first.min() > 600
+    assert stats.kstest((first - 600) / 3600, "uniform").statistic < stats.kstwo.ppf(0.999, 300) + 20 / 3600
+    for one in experiment.following.wanders(begin, replace(law, acts=None, change=0.0), begin, moments, 2, 9):
+        np.testing.assert_array_equal(one.at(moments)[0], there)
+    again = experiment.following.wanders(begin, law, begin, moments, 5, 9)
+    np.testing.assert_array_equal(again[4].place, ways[4].place)
+
+
+def test_differences_are_of_the_times_at_which_both_hold_a_track() -> None:
+    """Who loses the target when it is far off does not follow it better."""
+    errors = np.array([[[1.0, 2.0, 9.0], [3.0, 1.0, 8.0]], [[1.5, 2.5, np.nan], [3.5, np.nan, np.nan]]])
+    found = figures.of_times("position error", "nmi", errors)
+    np.testing.assert_allclose(found.mean(), [4.0, 2.75])
+    mean, error = found.difference()
+    np.testing.assert_allclose(mean, [0.0, 0.5])
+    np.testing.assert_allclose(error, [0.0, 0.0])
 
 
 def test_runs_of_a_target_that_acts_have_worlds_of_their_own() -> None:

@@ -5,40 +5,29 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from chases import HOUR, KNOT, LAT, LON, MINUTE, NMI, leg, one_box, way
 from pyproj import Geod
 from scipy import stats
 
 from drift.tracker import following, path, sweeps
 from drift.tracker.following import Clouds, World
-from drift.tracker.path import Leg, Path
+from drift.tracker.path import Path
 from drift.tracker.records import METHODS, Behaviour, Filling, Plan, Sensor, Tracker
 from geo import sphere
 from kernels.clouds import DETECTED, HIDING, SEEKING, SILENT
 
 EARTH = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
-NMI, KNOT, MINUTE, HOUR = 1852.0, 1852 / 3600, 60.0, 3600.0
 EYES = Sensor("visual", 10 * NMI, 0.3, math.radians(1.5), 12.0)
 RADAR = Sensor("radar", 30 * NMI, 0.05, math.radians(1.0), 1.2)
 DETECTOR = Sensor("radar detector", 60 * NMI, 0.8, math.radians(5.0), 1.2, hears=True)
 TWENTY = Plan(0.0, 20 * MINUTE, 5 * MINUTE)
 FASTEST = 32 * KNOT
-LON, LAT = math.radians(-121.0), math.radians(34.0)
 
 NAIVE = Tracker("naive", Behaviour(FASTEST), Filling("combined", 0.75, 0.25))
 ACTS = (3 * MINUTE, 15 * MINUTE)
 CONTEXT = Tracker("context", Behaviour(FASTEST, change=0.5, acts=ACTS), Filling())
 SEEKER = Tracker("seeker", Behaviour(FASTEST, change=0.45, seek=0.1, acts=ACTS), Filling())
 HIDER = Tracker("hider", Behaviour(FASTEST, change=0.45, hide=0.1, acts=ACTS), Filling())
-
-
-def leg(course: float, speed: float, minutes: float) -> Leg:
-    return Leg(math.radians(course), speed * KNOT, minutes * MINUTE)
-
-
-def way(east: float, north: float, *legs: Leg) -> Path:
-    """Return a way that begins so many nautical miles from the middle of the patch."""
-    lon, lat = sphere.destination(LON, LAT, east * NMI, north * NMI)
-    return path.of_legs(float(lon), float(lat), legs)
 
 
 def world(
@@ -97,16 +86,6 @@ def test_nothing_parts_naive_from_contextual_before_three_minutes_and_the_method
     both = following.follow([early], [NAIVE, CONTEXT], 300, 8)
     assert both.place.shape[2] > 100
     np.testing.assert_array_equal(both.place[0], both.place[1])
-
-
-def one_box(
-    bearing: float, near: float, far: float, half: float, time: float, place: np.ndarray, outcome: int = DETECTED
-) -> sweeps.Sweeps:
-    """Return one sweep with ranges in nautical miles and angles in degrees."""
-    return sweeps.Sweeps(
-        np.array([time]), place[None], np.radians([bearing]), np.radians([half]), np.array([near]) * NMI / sphere.RADIUS,
-        np.array([far]) * NMI / sphere.RADIUS, np.array([outcome], np.int32), np.array([-1], np.int32),
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -220,10 +220,10 @@ def test_the_coast_of_a_case_is_all_that_its_particles_may_come_to() -> None:
 
 
 def test_a_target_that_acts_keeps_off_the_land_too() -> None:
-    begin = path.of_legs(*np.radians(PLACE), [path.Leg(math.radians(280), 30 * KNOT, 7200.0)])
-    ways = following.wanders(begin, FLEES.behaviour, WAY, np.arange(20.0, 7200.0, 20.0), 40, 4, coast().device)
-    lon, lat = path.degrees(np.array([way.place for way in ways]))
-    inner = land().buffer(-2e-6)
-    assert not shapely.contains_xy(inner, lon, lat).any()
-    free = following.wanders(begin, FLEES.behaviour, WAY, np.arange(20.0, 7200.0, 20.0), 40, 4)
-    assert shapely.contains_xy(inner, *path.degrees(np.array([way.place for way in free]))).any()
+    begin = path.of_legs(*np.radians(PLACE), [path.Leg(math.radians(262), 20 * KNOT, 7200.0)])
+    inner, moments, ashore = land().buffer(-2e-6), np.arange(20.0, 7200.0, 20.0), []
+    for shoreline in (coast().device, None):
+        ways = following.wanders(begin, FLEES.behaviour, WAY, moments, 40, 4, shoreline)
+        lon, lat = path.degrees(np.concatenate([way.at(moments)[0] for way in ways]))
+        ashore.append(shapely.contains_xy(inner, lon, lat).any())
+    assert ashore == [False, True]

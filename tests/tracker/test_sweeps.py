@@ -54,3 +54,11 @@ def test_boxes_are_about_the_true_range_and_bearing_and_end_at_the_reach() -> No
     assert (np.delete(marked.row, [4, 7]) == -1).all()
     every = sweeps.ordered([looks, heard, sweeps.marks(np.array([1.0, 2.5]), tracker)], every_detection=True)
     assert every.row.max() == 2 + 4 - 1
+
+
+@pytest.mark.parametrize(("short", "times"), [(1.1, 5), (0.1, 3), (1.2, 3), (0.7, 7)])
+def test_what_sensors_sweep_together_is_one_time(short: float, times: int) -> None:
+    """Of multiples of an interval, whatever their binary digits: else the order of the file would not hold."""
+    often, rarely = Plan(7.3).sweeps(short, 3600.0), Plan(7.3).sweeps(short * times, 3600.0)
+    assert np.isin(rarely, often).all()
+    np.testing.assert_allclose(np.diff(often), short, rtol=1e-5)
