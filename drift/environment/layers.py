@@ -24,7 +24,7 @@ from drift.maps.chart import Frame
 from drift.maps.overlay import Overlay
 from drift.motion import family
 from drift.motion import lanes as network_of
-from drift.motion.itinerary import InBox, InDisc, InRing, Itinerary, Near, Place, Ways
+from drift.motion.itinerary import Acts, InBox, InDisc, InRing, Itinerary, Near, Place, Ways
 from drift.motion.lanes import Network
 from drift.motion.scenario import Scenario
 from geo import polyline, sphere
@@ -32,6 +32,7 @@ from geo.array import Array
 from geo.notation import KNOT
 
 INK, WASH = "#1f4e8c", "#a9c4e6"  # of lanes and their corridors
+TRACKER: dict[str, Any] = {"color": "#12355b", "linewidth": 1.3, "marker": ">", "markevery": [-1], "markersize": 6}
 AREA: dict[str, Any] = {"color": "#7a1f6b", "linewidth": 1.5, "linestyle": (0, (6, 2))}
 WAY_COLOURS = ("#1b5e20", "#00838f", "#5d4037", "#9e7b00", "#b0306a")
 WAY_DASHES: tuple[Any, ...] = ((0, (6, 2, 1, 2)), (0, (10, 2.5)), (0, (3, 1, 1, 1, 1, 1)), (0, (5, 1.5)), "-")
@@ -185,6 +186,7 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
     ways = _ways(stories)
     groups = [(shapes, family.together(names, places_of)) for shapes, names in ways.items()]
     rings = list(dict.fromkeys(ring for _, own in stories for ring in own.rings))
+    trackers = _trackers(stories)
     corners = [list(zip(np.degrees(ring.lon).tolist(), np.degrees(ring.lat).tolist(), strict=True)) for ring in rings]
 
     def draw(ax: Axes, frame: Frame) -> None:
@@ -196,6 +198,8 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
             for number, (shapes, _) in enumerate(groups):
                 _draw_ways(ax, frame, [shapes], _style(number))
         patrols(ax, frame, corners)
+        for line in trackers:
+            ax.plot(*frame.project(*line.T), zorder=6.6, scalex=False, scaley=False, **TRACKER)
 
     if len(groups) > len(WAY_COLOURS):
         rows: list[tuple[Any, str]] = [(Line2D([], [], **CROWD), f"Ways of {sum(map(len, ways.values()))} scenarios")]
@@ -205,6 +209,11 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
         rows.append((Patch(facecolor="none", edgecolor=WAY_COLOURS[0]), "A way point lies in it, or half of its law"))
     rows += key(areas=False) if network is not None else []
     rows += [(Line2D([], [], **AREA), "Area of patrol")] if rings else []
+    rows += (
+        [(Line2D([], [], **{**TRACKER, "markevery": None}), "Tracker that targets seek or flee from")]
+        if trackers
+        else []
+    )
     places: dict[str, Sequence[Array]] = {f"the way of {_names(names)}": shapes.arrays for shapes, names in groups}
     if len(groups) > len(WAY_COLOURS):
         places = {"the ways": [line for shapes, _ in groups for line in shapes.arrays]}
@@ -213,7 +222,17 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
         places["where the lanes begin"] = _beginnings(stories)
     if rings:
         places["the areas of patrol"] = [np.array([*ring, ring[0]]) for ring in corners]
+    if trackers:
+        places["the tracker"] = trackers
     return Overlay(draw, places, rows)
+
+
+def _trackers(stories: Sequence[tuple[str, Itinerary]]) -> list[Array]:
+    """Return where each tracker goes, points (lon, lat) [deg] without jumps, (n, 2)."""
+    found = dict.fromkeys(
+        phase.tracker for _, own in stories for phase in own.phases if isinstance(phase, Acts) and phase.tracker
+    )
+    return [np.degrees(np.column_stack([np.unwrap(own.lon), own.lat])) for own in found if own is not None]
 
 
 def _beginnings(stories: Sequence[tuple[str, Itinerary]]) -> list[Array]:

@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -81,3 +82,26 @@ def test_lanes_of_several_routes_are_one_network_with_each_lane_once() -> None:
     assert {tuple(sorted(pair)) for pair in found} == pairs
     for one in own:
         assert lanes.route(whole, one.route.node).along[-1] == pytest.approx(one.route.along[-1])
+
+
+def test_a_tracker_that_scenarios_share_is_drawn_once(tmp_path: Path) -> None:
+    """Its rhumb line across 180 degrees, with no jump: 40 minutes at 30 knots, by pyproj."""
+    story = 'name = "{}"\nposition = {{ at = [-179.8, 12.3], std = "1 nmi" }}\n[[scenario.phase]]\nbehaviour = {{ fastest = "32 kn", acts = ["3 min", "15 min"], {} = 0.2, tracker = "patrol" }}\n'
+    path = tmp_path / "chase.toml"
+    path.write_text(
+        'title = "t"\nstart = "2026-03-05T00:00Z"\nduration = "40 min"\ncoast.source = "none"\n'
+        '[tracker.patrol]\nat = [179.9, 12.0]\nlegs = [{ course = 75, speed = "30 kn" }]\n'
+        + "".join(f"[[scenario]]\n{story.format(name, kind)}" for name, kind in (("seeks", "seek"), ("flees", "hide")))
+    )
+    overlay = layers.itineraries(case_file.load(path).scenarios)
+    assert [text for _, text in overlay.key] == ["Tracker that targets seek or flee from"]
+    (line,) = overlay.places["the tracker"]
+    assert np.abs(np.diff(line[:, 0])).max() < 0.1
+    _, _, far = Geod(a=6_371_008.8, b=6_371_008.8).inv(*line[0], *line[-1])
+    assert far == pytest.approx(20 * 1852, rel=1e-5)
+    ax = Figure().add_axes((0, 0, 1, 1))
+    frame = chart.frame(np.array([179.5, 180.5]), np.array([11.5, 12.5]), 1.2)
+    chart.prepare(ax, frame)
+    before = len(ax.lines)
+    overlay.draw(ax, frame)
+    assert len(ax.lines) - before == 1
