@@ -99,6 +99,7 @@ Legs = ti.types.argpack(
 
 # Of an estimate; velocities [rad/s]. level: share of the cloud that lies where it is denser than at the target; NaN: not asked
 FIELDS = ("x", "y", "z", "east", "north", "rate", "count", "total", "level")
+SAME = 1e-9  # [rad] within which particles are at one place: 6 mm
 PICKS = 101  # particles among which the target is ranked by density
 
 
@@ -501,25 +502,40 @@ def level(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64, mean:
     Densities are Epanechnikov's about every particle but the one that asks, with his own share of the spread (Silverman
     1986, Density estimation, table 4.1): of 101 particles and the target none knows which it is.
     """
-    squared, squares = ti.f64(0.0), ti.f64(0.0)
+    squared = ti.f64(0.0)
     for j in range(count):
         p0, u0 = at(cloud, base + j)
         p, u = turned(p0, u0, cloud.own_rate[base + j] * (time - cloud.own_since[base + j]))
         anchor(cloud, base + j, p.normalized(), u.normalized(), time)
         apart, w = p - mean, cloud.own_weight[base + j]
         squared += w * apart.dot(apart)
-        squares += w * w
-    effective = total * total / squares
+    picks = ti.min(count, PICKS)
+    # Duplicates that have not parted tell no more than one of them: each pick's weight is that of all that are where it is.
+    picked, together = ti.f64(0.0), ti.f64(0.0)
+    for pick in range(picks):
+        i = base + pick * count // picks
+        picked += cloud.own_weight[i]
+        together += cloud.own_weight[i] * at_one(cloud, base, count, vector(cloud.own_place, i))
+    effective = total * picked / together
     reach = ti.f64(2.4 * 2.4) * squared / total * ti.f64(0.5) * ti.pow(effective, ti.f64(-1 / 3))
     there = density(cloud, base, count, target, -1, reach)
-    denser, picked = ti.f64(0.0), ti.f64(0.0)
-    picks = ti.min(count, PICKS)
+    denser = ti.f64(0.0)
     for pick in range(picks):
         i = base + pick * count // picks
         if density(cloud, base, count, vector(cloud.own_place, i), i, reach) > there:
             denser += cloud.own_weight[i]
-        picked += cloud.own_weight[i]
     return denser / picked
+
+
+@ti.func
+def at_one(cloud: ti.template(), base: ti.i32, count: ti.i32, place: f64x3) -> ti.f64:
+    """Return the weight of all particles at a place."""
+    found = ti.f64(0.0)
+    for j in range(count):
+        apart = vector(cloud.own_place, base + j) - place
+        if apart.dot(apart) < ti.f64(SAME * SAME):
+            found += cloud.own_weight[base + j]
+    return found
 
 
 @ti.func

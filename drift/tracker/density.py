@@ -19,6 +19,7 @@ from geo.cells import Cells
 
 CELLS = 160  # along the longer side
 BEYOND = 4.0  # widths of a window beyond the outermost particles
+SAME = 0.01  # [m] within which particles are at one place
 LEAST = 10.0  # [m] a cloud on a line or at a point is taken to be so wide
 
 
@@ -45,7 +46,7 @@ def surface(place: Array, weight: Array, dry: Callable[[Array, Array], Array] | 
     """
     lon, lat = np.radians(path.degrees(np.average(place, axis=0, weights=weight)))
     own = np.radians(path.degrees(place))
-    points = np.stack(sphere.offset(lon, lat, own[0], own[1]))
+    points, weight = _distinct(np.stack(sphere.offset(lon, lat, own[0], own[1])), weight)
     if len(weight) < 3 or np.linalg.eigvalsh(np.cov(points, aweights=weight))[0] < LEAST**2:
         corners = LEAST * np.array([[1, 1, -1, -1], [1, -1, 1, -1]])
         points, weight = (points[:, :, None] + corners[:, None]).reshape(2, -1), np.repeat(weight, 4)
@@ -59,6 +60,15 @@ def surface(place: Array, weight: Array, dry: Callable[[Array, Array], Array] | 
     wet = mass if dry is None else np.where(dry(x, y), 0.0, mass)
     mass = wet if wet.any() else mass
     return Surface(cells, mass / mass.sum())
+
+
+def _distinct(points: Array, weight: Array) -> tuple[Array, Array]:
+    """Return places (2, m) [m] and weights (m,) with those of one place together: duplicates that have not parted tell no more than one.
+
+    The width of the windows goes by how many there are.
+    """
+    _, first, which = np.unique(np.round(points / SAME), axis=1, return_index=True, return_inverse=True)
+    return points[:, first], np.bincount(which.ravel(), weights=weight)
 
 
 def _cells(lon: float, lat: float, low: Array, high: Array) -> Cells:

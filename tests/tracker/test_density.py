@@ -86,3 +86,17 @@ def test_densities_of_a_course_go_round() -> None:
     # Standard error of a density by windows: sqrt(p / (2 sqrt(pi) h m)), m effective; four of the largest
     m = weight.sum() ** 2 / (weight**2).sum()
     assert np.abs(found - exact).max() < 4 * np.sqrt(exact.max() / (2 * np.sqrt(np.pi) * np.radians(7.2) * m))
+
+
+def test_copies_make_no_area_smaller() -> None:
+    """Particles of which each is there several times are as those that are there once, by weight: their windows are as wide."""
+    rng = np.random.default_rng(3)
+    lon, lat = sphere.destination(
+        np.radians(179.97), np.radians(-63.0), rng.normal(0, 2500, 60), rng.normal(0, 900, 60)
+    )
+    times = rng.integers(1, 9, 60)
+    place = path.vector(lon, lat)
+    once = density.areas(density.surface(place, times.astype(float)), (0.5, 0.9))
+    copied = density.areas(density.surface(np.repeat(place, times, axis=0), np.ones(times.sum())), (0.5, 0.9))
+    for share in (0.5, 0.9):
+        assert copied[share].area == pytest.approx(once[share].area, rel=1e-6)

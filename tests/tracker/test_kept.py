@@ -119,3 +119,38 @@ def test_a_run_is_the_same_in_any_batch_and_among_any_number(monkeypatch: pytest
     np.testing.assert_array_equal(whole.place, batches.place)
     np.testing.assert_array_equal(whole.place[:, :3], fewer.place)
     assert len(np.unique(whole.place[0, :, 1, 0])) == 7
+
+
+def test_copies_that_have_not_parted_make_no_level_surer() -> None:
+    """Forty particles, and as many with ten to fifteen duplicates each that stay where they are: windows by forty, not by five hundred.
+
+    By Epanechnikov's windows written out; which of the particles rank the target is by their order, of which the kernel takes 101.
+    """
+    x, y, _ = EARTH.fwd(*np.degrees([LON, LAT]), 58.0, 8.6 * NMI)
+    target = path.standing(math.radians(x), math.radians(y), 0.0, HOUR)
+    parts = [
+        one_box(60.0, 2.0, 9.0, 50.0, 0.0, HERE),
+        one_box(60.0, 2.0, 9.0, 50.0, 5.0, HERE),
+        one_box(0.0, 0.0, 8.45, 180.0, 5.0, HERE, SILENT),
+    ]
+    scene = World(STILL, sweeps.ordered([*parts, sweeps.marks(np.array([10.0]), target)]))
+    law = Tracker("x", Behaviour(1e-6), Filling("course", 1.0, 0.0))
+    found = following.follow([scene], [law], 500, 7, areas=True).level[0, 0, -1]
+    cloud = Clouds([scene], [law], 500, 7).go().particles(0, 0, 10.0)
+    place, count = np.unique(cloud.place.round(10), axis=0, return_counts=True)
+    assert 20 < len(place) < 60
+    mean = cloud.place.mean(axis=0)
+    mean /= np.linalg.norm(mean)
+    picks = np.arange(101) * 500 // 101
+    together = np.array([count[np.abs(place - cloud.place[k].round(10)).max(axis=1) < 2e-10].sum() for k in picks])
+    effective = 500 / together.mean()
+    reach = 2.4**2 * ((cloud.place - mean) ** 2).sum(axis=1).mean() / 2 * effective ** (-1 / 3)
+
+    def density(at: np.ndarray, without: int | None = None) -> float:
+        each = np.maximum(1 - ((cloud.place - at) ** 2).sum(axis=1) / reach, 0)
+        return float(each.sum() - (0 if without is None else each[without]))
+
+    there = density(target.at([10.0])[0][0])
+    expected = np.mean([density(cloud.place[k], int(k)) > there for k in picks])
+    assert 0.05 < expected < 0.95
+    assert found == pytest.approx(expected, abs=1e-9)
