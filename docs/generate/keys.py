@@ -395,8 +395,7 @@ def page(docs: Path) -> str:
         ("Tracking files", "The case of `drift experiment` ([Tracking](../tracking.md)).", tracking.TrackingTable),
     ):  # fmt: skip
         name = title.split()[0].lower().removesuffix("s")
-        beside = {model.__module__, behaviour.__name__, tracker.__name__}
-        own = {one: [f"{name}-{path[0]}"] for one, path in places(model).items() if one.__module__ in beside}
+        own = {one: [f"{name}-{path[0]}"] for one, path in _apart(model).items()}
         parts += [f"## {title}", words, _table(model, docs, name, own)]
         for one, (path,) in own.items():
             if one is not model:
@@ -405,13 +404,15 @@ def page(docs: Path) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def _apart(model: Model) -> dict[Model, list[str]]:
+    """Return the tables that the section of a file beside the case tells, with the places where each may stand."""
+    beside = {model.__module__, behaviour.__name__, tracker.__name__}
+    return {one: path for one, path in places(model).items() if one.__module__ in beside}
+
+
 def count() -> int:
     """Return the number of keys that the page tells."""
-    models = {
-        *places(schema.CaseTable),
-        *places(network.NetworkTable),
-        *places(bridge.BridgeTable),
-        *places(tracking.TrackingTable),
-        sensor.ConditionsTable,
-    }
+    models = [*places(schema.CaseTable), sensor.ConditionsTable]
+    for model in (network.NetworkTable, bridge.BridgeTable, tracking.TrackingTable):
+        models += [*_apart(model)]
     return sum(len(model.model_fields) for model in models)
