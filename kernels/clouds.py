@@ -135,13 +135,20 @@ def frame(p: f64x3):
 
 @ti.func
 def turned(p: f64x3, u: f64x3, angle: ti.f64):
-    """Return (place, tangent) after a way of an angle [rad] from place and tangent."""
+    """Return (place, tangent) after a way of an angle [rad], of at most twice FAR, from place and tangent."""
     y = angle * angle
     c = ti.f64(1.0) - y * (ti.f64(1 / 2) - y * (ti.f64(1 / 24) - y * ti.f64(1 / 720)))
     s = angle * (ti.f64(1.0) - y * (ti.f64(1 / 6) - y * (ti.f64(1 / 120) - y * ti.f64(1 / 5040))))
-    if y > ti.f64(4 * FAR * FAR):  # nobody looked for so long
-        c, s = ti.cos(angle), ti.sin(angle)
     return p * c + u * s, u * c - p * s
+
+
+@ti.func
+def along(p: f64x3, u: f64x3, angle: ti.f64):
+    """Return (place, tangent) after a way of any angle [rad], as `turned` does: nobody may have looked for days."""
+    q, v = turned(p, u, angle)
+    if angle > 2 * FAR:
+        q, v = p * ti.cos(angle) + u * ti.sin(angle), u * ti.cos(angle) - p * ti.sin(angle)
+    return q, v
 
 
 @ti.func
@@ -196,7 +203,7 @@ def act(
     """Have a particle act at its own time: keep its course, take another, seek or hide."""
     time = cloud.own_due[i]
     p0, u0 = at(cloud, i)
-    p, u = turned(p0, u0, cloud.own_rate[i] * (time - cloud.own_since[i]))
+    p, u = along(p0, u0, cloud.own_rate[i] * (time - cloud.own_since[i]))
     cloud.own_acts[i] += 1
     drawn = words(seed0, seed1, noise.STREAM_ACT, run, cloud.own_serial[i], cloud.own_acts[i])
     choice, mode = unit(drawn[0]), cloud.own_mode[i]
@@ -260,7 +267,7 @@ def keep_off(
     while going == 1 and cloud.own_free[i] < until:
         time, rate = cloud.own_free[i], cloud.own_rate[i]
         p0, u0 = at(cloud, i)
-        p, _u = turned(p0, u0, rate * (time - cloud.own_since[i]))
+        p, _u = along(p0, u0, rate * (time - cloud.own_since[i]))
         lon, lat = binary(p)
         far = ti.cast(clearance(lon, lat, coast), ti.f64) * ti.f64(UNIT)
         far *= ti.sqrt(p[0] * p[0] + p[1] * p[1]) - far  # the least cosine of a latitude that far off
@@ -270,7 +277,7 @@ def keep_off(
             cloud.own_free[i] = NEVER
         else:
             then = time + ti.f64(ALONG) / rate
-            q, _v = turned(p0, u0, rate * (then - cloud.own_since[i]))
+            q, _v = along(p0, u0, rate * (then - cloud.own_since[i]))
             to_lon, to_lat = binary(q)
             hit, x, y, share, _edge = first_crossing(lon, lat, to_lon - lon, to_lat - lat, coast)
             met = time + ti.cast(share, ti.f64) * (then - time)
@@ -346,6 +353,7 @@ def cut(
         angle = cloud.own_rate[i] * (time - cloud.own_since[i])
         p, u = turned(p0, u0, angle)
         if angle > FAR:
+            p, u = along(p0, u0, angle)
             anchor(cloud, i, p.normalized(), u.normalized(), time)
         keep = True
         if outcome != MARK:
