@@ -23,7 +23,10 @@ ALLOWED = (*NEEDED, "bearing", "range", "lat", "lon")
 
 def _range(value: object) -> float:
     """Return a range [m]; a bare number is nautical miles, as a plot has them."""
-    return units.quantity(f"{value!r} nmi" if isinstance(value, float) else value, "m", "range", "12 nmi")
+    metres = units.quantity(f"{value!r} nmi" if isinstance(value, float) else value, "m", "range", "12 nmi")
+    if not metres > 0:
+        raise ValueError(f"range {value} must be above 0")
+    return metres
 
 
 def _cell(text: str) -> str | float:
@@ -71,7 +74,7 @@ def read(
     reader.fieldnames = columns
     wrong, rows = Mistakes(), []
     names = [sensor.name for sensor in sensors]
-    before = -np.inf
+    before, own = -np.inf, None
     for given in reader:
         with wrong.gathered(f"{label}, line {reader.line_num}"):
             if None in given or None in given.values():
@@ -90,10 +93,16 @@ def read(
             before = time
             if row.sensor:
                 _check(row, names, sensors)
+            elif row.bearing is not None or row.range is not None:
+                raise ValueError(f"a bearing or a range, and no sensor; there are {', '.join(names)}")
             elif row.lat is None:
                 raise ValueError("neither a sensor nor lat and lon")
             if (row.lat is None) != (row.lon is None):
                 raise ValueError("lat and lon go together")
+            if row.lat is not None:
+                if own is not None and own[0] == time and own[1:] != (row.lat, row.lon):
+                    raise ValueError(f"the tracker is at two places at {filled['time']}; the other is in a line above")
+                own = (time, row.lat, row.lon)
             rows.append((time, row))
     wrong.refuse()
     seen = [(time, row) for time, row in rows if row.sensor]
@@ -121,6 +130,10 @@ def read(
 def _check(row: RowTable, names: list[str], sensors: tuple[Sensor, ...]) -> None:
     if row.sensor not in names:
         raise ValueError(f'no [[sensor]] "{row.sensor}"; there are {", ".join(names)}')
+    if row.bearing is None and row.range is None:
+        raise ValueError(
+            "neither a bearing nor a range: a line with a sensor is a detection; for the tracker's place alone leave the sensor out"
+        )
     sensor = sensors[names.index(row.sensor)]
     if row.range is not None and not 0 <= row.range * (1 - sensor.range_share) <= sensor.reach:
         raise ValueError(

@@ -188,7 +188,8 @@ class PursuitTable(fields.Table):
     reach: fields.Width
     """Within which it sees the target, or is seen."""
     begin: Elapsed | None = None
-    """After the start; by default the last detection. From then on its own looks count, and no sensor's silence."""
+    """After the start; by default the last detection, or where the detections' file last says where the tracker was if that is later. From
+    then on the vessel's own looks count, and no sensor's silence."""
     lasting: fields.Duration | None = None
     """How long; until the end of the case by default."""
     step: fields.Duration = 600.0
@@ -202,9 +203,12 @@ class PursuitTable(fields.Table):
     replan: fields.Share = 0.8
     """It is planned anew when seeing nothing since the last plan was less likely than this (Klaas' trigger)."""
 
-    def pursuit(self, seen: Array, tracker: path.Path, end: float) -> Pursuit:
-        """Return the record; seen: times of detections [s]. Raises ValueError for what does not fit."""
-        begin = float(seen[-1]) if self.begin is None else self.begin
+    def pursuit(self, seen: Array, tracker: path.Path, known: float, end: float) -> Pursuit:
+        """Return the record; seen: times of detections [s]; known: until when the log knows the tracker [s].
+
+        Raises ValueError for what does not fit.
+        """
+        begin = max(float(seen[-1]), min(known, end)) if self.begin is None else self.begin
         lasting = end - begin if self.lasting is None else self.lasting
         if begin < seen[-1]:
             raise ValueError(f"begin {begin:g} s is before the last detection, {seen[-1]:g} s")
@@ -379,7 +383,9 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
         with wrong.gathered("pursuit"):
             if not isinstance(followed, Detections):
                 raise ValueError("is of detections; a [target] is followed in experiments")
-            chase = table.pursuit.pursuit(followed.time, tracker, table.duration)
+            chase = table.pursuit.pursuit(
+                followed.time, tracker, 0.0 if own is None else float(own.time[-1]), table.duration
+            )
     wrong.refuse()
     criteria = table.experiment.criteria
     return Study(

@@ -1,5 +1,6 @@
 """An experiment from the question to the files: `drift experiment`."""
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -21,7 +22,7 @@ RUNS = 20  # of a case of drift run, where nobody says how many
 
 
 def experiment(
-    name: str, out: Path | None = None, *, changes: Mapping[str, str] | None = None,
+    name: str, out: str | os.PathLike[str] | None = None, *, changes: Mapping[str, str] | None = None,
     variants: Mapping[str, Mapping[str, str]] | None = None, figures: Sequence[str] = (), runs: int | None = None,
     backend: str = "cpu", threads: int | None = None, overwrite: bool = False,
     tell: Callable[[str, float], None] = lambda phase, share: None,
@@ -34,8 +35,9 @@ def experiment(
     """
     if runs is not None and runs < 1:
         raise UserError(f"--runs {runs} must be at least 1")
-    if out is not None:
-        writer.check_folder(out, overwrite, (*chapter.FILES, *chapter.PICTURES))
+    folder = None if out is None else Path(out)
+    if folder is not None:
+        writer.check_folder(folder, overwrite, (*chapter.FILES, *chapter.PICTURES))
     changes = dict(changes or {})
     if tracking.is_one(name):
         if variants or figures:
@@ -57,9 +59,9 @@ def experiment(
         found = ordinary.run(
             name, changes, variants or {}, figures, runs or RUNS, backend=backend, threads=threads, tell=tell
         )
-    if out is not None:
+    if folder is not None:
         tell("writing", 0.0)
-        _write(found, out, backend, overwrite)
+        _write(found, folder, backend, overwrite)
     return found
 
 

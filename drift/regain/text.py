@@ -10,11 +10,13 @@ from drift.output import formats, geojson, markup
 from drift.output import gpx as gpx_file
 from drift.output.chapter import Stamped
 from drift.regain.record import Regained
-from drift.tracker import path
+from drift.tracker import density, detections, path
 from drift.tracker.density import Region
 from drift.tracker.detections import Detections
 from geo import notation, sphere
 from geo.notation import KNOT, NMI
+
+FEW = 50.0  # effective particles under which results warn
 
 
 def moment(found: Regained, seconds: float) -> np.datetime64:
@@ -39,8 +41,33 @@ def facts(found: Regained) -> dict[str, str]:
         times = ", ".join(notation.group(moment(found, time)) for time in held.lost)
         told["lost"] = f"no particle is left by {times}: sweeps that found nothing rule out where it could be. " \
             "Check positions and reaches, or take a higher fastest speed, or more particles"  # fmt: skip
+    warnings = _warnings(found)
+    return {**told, "warning": "; ".join(warnings)} if warnings else told
+
+
+def _warnings(found: Regained) -> list[str]:
+    """Return what must be doubted: plots that no target made, few particles, ways of following that are left out."""
+    held, study = found.held, found.held.study
+    seen, law = study.target, study.methods[0]
+    assert isinstance(seen, Detections)
+    told = []
+    for time, speed in zip(*detections.needed(study.sensors, seen, study.tracker), strict=True):
+        if speed > law.behaviour.fastest * 1.001:
+            when = notation.group(moment(found, time))
+            told.append(
+                f"the plot of {when} needs {speed / KNOT:,.0f} kn from the one before, fastest is {law.behaviour.fastest / KNOT:.3g} kn: "
+                "check its bearing and range"
+            )
+    few = [
+        f"{count:.0f} at {notation.group(moment(found, time))}"
+        for time, cloud in held.clouds if cloud is not None and (count := density.effective(cloud.place, cloud.weight)) < FEW
+    ]  # fmt: skip
+    if few:
+        told.append(f"few particles count, {', '.join(few)}: take more particles")
+    if len(study.methods) > 1:
+        told.append(f'followed by "{law.name}" alone, the first of {len(study.methods)} ways')
     if not held.clouds[-1][1]:
-        told["warning"] = "no track is held at the end"
+        told.append("no track is held at the end")
     return told
 
 
@@ -61,12 +88,12 @@ def _path(found: Regained) -> str:
     assert chased is not None
     until = notation.group(moment(found, chased.found.path.time[-1]))
     anew = [notation.group(moment(found, chase.times[step])) for step in chased.found.plans[1:]]
-    words = f"{_share(chased.found.met[-1])} of the cloud within {chase.reach / NMI:g} nmi by {until}, of another cloud {_share(chased.judged[-1])}"
+    words = f"{_share(chased.judged[-1])} of another cloud within {chase.reach / NMI:g} nmi by {until}, of the one it was planned on {_share(chased.found.met[-1])}"
     return words + (f"; planned anew at {', '.join(anew)}" if anew else "")
 
 
 def _share(share: float) -> str:
-    return f"{100 * share:.2g} %"
+    return f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.0f} %"
 
 
 def path_table(found: Regained) -> str:

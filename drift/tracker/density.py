@@ -62,6 +62,13 @@ def surface(place: Array, weight: Array, dry: Callable[[Array, Array], Array] | 
     return Surface(cells, mass / mass.sum())
 
 
+def effective(place: Array, weight: Array) -> float:
+    """Return the effective number of particles at unit vectors (n, 3) with weights (n,); those of one place are one."""
+    _, which = np.unique(np.round(place * sphere.RADIUS / SAME), axis=0, return_inverse=True)
+    share = np.bincount(which.ravel(), weights=weight)
+    return float(share.sum() ** 2 / (share**2).sum())
+
+
 def _distinct(points: Array, weight: Array) -> tuple[Array, Array]:
     """Return places (2, m) [m] and weights (m,) with those of one place together: duplicates that have not parted tell no more than one.
 

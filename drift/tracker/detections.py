@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drift.tracker import sweeps
+from drift.tracker import path, sweeps
 from drift.tracker.path import Path
 from drift.tracker.records import Sensor
 from drift.tracker.sweeps import Sweeps
@@ -67,3 +67,17 @@ def ordered(sensors: tuple[Sensor, ...], found: Detections, tracker: Path, momen
     """Return all sweeps in order of time, with marks at times [s] (n,) and every detection told."""
     marks = sweeps.marks(moments, tracker)
     return sweeps.ordered([*swept(sensors, found, tracker, end), marks], every_detection=True)
+
+
+def needed(sensors: tuple[Sensor, ...], found: Detections, tracker: Path) -> tuple[Array, Array]:
+    """Return the times [s] of detections that tell a place and follow another, and the least speed [m/s] between the boxes of the two."""
+    own = ~np.isnan(found.bearing) & ~np.isnan(found.range)
+    time, bearing, far = found.time[own], found.bearing[own], found.range[own]
+    share, error = (
+        np.array([getattr(sensors[k], name) for k in found.sensor[own]]) for name in ("range_share", "bearing_error")
+    )
+    lon, lat = np.radians(path.degrees(tracker.at(time)[0]))
+    place = path.vector(*sphere.destination(lon, lat, far * np.sin(bearing), far * np.cos(bearing)))
+    slack = far * np.hypot(share, np.minimum(error, 1.0))
+    apart = np.maximum(path.arc(place[1:], place[:-1]) * sphere.RADIUS - slack[1:] - slack[:-1], 0.0)
+    return time[1:], apart / np.maximum(np.diff(time), 1.0)

@@ -16,6 +16,7 @@ from geo import sphere
 from geo.array import Array
 from kernels.coast import DeviceCoast
 
+SOON = 1e-6  # [s] so that a sweep as a pursuit begins counts
 SAME = 1.0  # [m] within which a pursuit begins where the tracker is
 
 
@@ -77,7 +78,7 @@ def onward(asked: Study, seed: int, shore: DeviceCoast | None = None) -> Forecas
         tracker = asked.tracker
         if joins:
             tracker = Path(np.append(tracker.time[known], way.time), np.vstack([tracker.place[known], way.place]))
-        told = detections.ordered(asked.sensors, found, tracker, chase.times, chase.begin)
+        told = detections.ordered(asked.sensors, found, tracker, chase.times, chase.begin + SOON)
         held = Clouds([World(tracker, told)], asked.methods[:1], asked.size, seed, shore=shore)
         clouds = [held.go(time).particles(0, 0, time) for time in chase.times]
         return np.stack([cloud.place for cloud in clouds]), clouds[0].weight
@@ -86,8 +87,12 @@ def onward(asked: Study, seed: int, shore: DeviceCoast | None = None) -> Forecas
 
 
 def _silent_until(asked: Study) -> float:
-    """Return until when silence counts [s]: the looks of a pursuit are its own."""
-    return asked.end if asked.pursuit is None else min(asked.end, asked.pursuit.begin)
+    """Return until when silence counts [s].
+
+    The looks of a pursuit are its own, where no log says where the tracker was meanwhile.
+    """
+    logged = asked.tracker.time[-1] < asked.end - 1.0
+    return asked.end if asked.pursuit is None or logged else min(asked.end, asked.pursuit.begin + SOON)
 
 
 def _shown(asked: Study, found: Detections) -> tuple[float, ...]:

@@ -94,6 +94,11 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
         (CASE + STANDS, PLAIN.replace("radar,43", "sonar,43"), 'line 3: no [[sensor]] "sonar"; there are radar, ears'),
         (CASE + STANDS, PLAIN.replace("9.6", "25"), "line 3: range 25 nmi is beyond the reach of radar, 18 nmi"),
         (CASE + STANDS, PLAIN.replace("43,", "430,"), "line 3: bearing: "),
+        (CASE + STANDS, PLAIN.replace("9.6", "-9.6"), "line 3: range: range -9.6 must be above 0"),
+        (CASE + STANDS, PLAIN.replace("9.6", "0"), "line 3: range: range 0.0 must be above 0"),
+        (CASE + STANDS, PLAIN.replace("radar,43", ",43"), "line 3: a bearing or a range, and no sensor; there are radar, ears"),
+        (CASE + STANDS, PLAIN.replace("43,9.6", ","), "line 3: neither a bearing nor a range: a line with a sensor is a detection"),
+        (CASE, ROWS + "2026-03-05T00:40:30Z, , , , 14.16, -76.9\n", "line 6: the tracker is at two places at 2026-03-05T00:40:30Z"),
         (CASE + STANDS, PLAIN.replace("+9", "+99"), "line 3: time +99 min is not within the case: change start or duration"),
         (CASE + STANDS, PLAIN.replace("bearing", "course"), "unknown column course; allowed are time, sensor, bearing, range, lat, lon"),
         (CASE + STANDS, PLAIN.replace("time,sensor", "when,sensor"), "no column time"),
@@ -116,3 +121,15 @@ def test_every_mistake_is_a_line(tmp_path: File, case: str, rows: str, words: st
         load(tmp_path, case, rows)
     assert any(words in line for line in refusal.value.lines), refusal.value.lines
     assert all("\n" not in line for line in refusal.value.lines)
+
+
+def test_a_pursuit_begins_where_the_log_last_has_the_vessel(tmp_path: File) -> None:
+    """Else what its sensors did not see after the last detection would not count, and the track would be another one with a pursuit."""
+    pursuit = '[pursuit]\nspeed = "25 kn"\nreach = "5 nmi"\nstep = "2 min"\n'
+    rows = ROWS + "+45 min,,,,14.2N,-76.9\n"
+    asked = load(tmp_path, CASE + pursuit, rows)
+    assert asked.pursuit is not None
+    assert asked.pursuit.begin == 45 * 60
+    by_legs = load(tmp_path, CASE + STANDS + pursuit, PLAIN)
+    assert by_legs.pursuit is not None
+    assert by_legs.pursuit.begin == 9 * 60

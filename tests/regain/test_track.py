@@ -185,3 +185,61 @@ def test_what_has_no_detections_is_refused_and_nothing_is_written(tmp_path: Path
         drift.experiment("lost_contact", tmp_path / "out")
     assert not (tmp_path / "out").exists()
     assert "lost_contact" in tracking.shipped()
+
+
+DOUBTFUL = """
+title = "t"
+start = "2026-03-05T00:00Z"
+duration = "30 min"
+detections = "d.csv"
+particles = 40
+land = "ignore"
+[tracker]
+at = "14N 077W"
+[[sensor]]
+name = "radar"
+reach = "18 nmi"
+range_ambiguity = 0.05
+bearing_ambiguity = 1
+on = false
+[[method]]
+name = "first"
+fastest = "32 kn"
+[[method]]
+name = "second"
+fastest = "40 kn"
+"""
+
+
+def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
+    """A plot on the other side 3 minutes later needs 16 nmi less both boxes' slack, 8 nmi x hypot(0.05, 1 deg) each, in 3 min: 303 kn."""
+    (tmp_path / "c.toml").write_text(DOUBTFUL, encoding="utf-8")
+    (tmp_path / "d.csv").write_text(
+        "time,sensor,bearing,range\n+2 min,radar,80,8\n+5 min,radar,260,8\n", encoding="utf-8"
+    )
+    told = text.facts(drift.track(tmp_path / "c.toml"))["warning"]
+    speed = (16 - 2 * 8 * np.hypot(0.05, np.radians(1))) / 0.05
+    assert f"the plot of 050005ZMAR26 needs {speed:,.0f} kn from the one before, fastest is 32 kn" in told
+    assert "few particles count, " in told
+    assert 'followed by "first" alone, the first of 2 ways' in told
+    (tmp_path / "d.csv").write_text(
+        "time,sensor,bearing,range\n+2 min,radar,80,8\n+12 min,radar,70,8\n", encoding="utf-8"
+    )
+    many = {"particles": "2000"}
+    assert "needs" not in text.facts(drift.track(tmp_path / "c.toml", changes=many))["warning"]
+
+
+def test_a_path_does_not_change_the_track(tmp_path: Path) -> None:
+    """With a log that knows the vessel to where it begins the track is the same, bit for bit, with a pursuit and without."""
+    case = (Path(drift.__file__).parents[1] / "cases" / "tracking" / "lost_contact.toml").read_text(encoding="utf-8")
+    (tmp_path / "lost_contact.csv").write_text(
+        (Path(drift.__file__).parents[1] / "cases" / "tracking" / "lost_contact.csv").read_text(encoding="utf-8"),
+        encoding="utf-8",
+    )
+    found = []
+    for name, body in (("with", case.replace('begin = "75 min"\n', "")), ("without", case[: case.index("[pursuit]")])):
+        (tmp_path / f"{name}.toml").write_text(body, encoding="utf-8")
+        found.append(drift.track(tmp_path / f"{name}.toml", changes=SMALL))
+    assert found[0].chased is not None
+    assert found[1].chased is None
+    np.testing.assert_array_equal(found[0].held.place, found[1].held.place)

@@ -100,3 +100,9 @@ def test_copies_make_no_area_smaller() -> None:
     copied = density.areas(density.surface(np.repeat(place, times, axis=0), np.ones(times.sum())), (0.5, 0.9))
     for share in (0.5, 0.9):
         assert copied[share].area == pytest.approx(once[share].area, rel=1e-6)
+
+
+def test_effective_particles_are_those_at_places_of_their_own() -> None:
+    place = path.vector(np.radians([179.99, -179.99, 12.0]), np.radians([-63.0, -63.1, 71.0]))
+    assert density.effective(np.repeat(place, 5, axis=0), np.ones(15)) == pytest.approx(3.0)
+    assert density.effective(place, np.array([3.0, 1.0, 0.0])) == pytest.approx(16 / 10)
