@@ -11,6 +11,8 @@ from drift.search.updates import Update, Updates
 def of_run(data: Any, particles: int, updates: Updates | None) -> list[str]:
     """Return warnings of few particles: after which update, at which outputs, and of which parts at the end."""
     lost = [_lost(update) for update in updates.all if update.filled == "lost"] if updates else []
+    placed = [update for update in updates.all if update.filled == "contact"] if updates else []
+    lost += [_placed(placed[0])] if placed else []
     update = first_low(updates) if updates else None
     if update is None:
         return lost + effective.of_run(data, particles)
@@ -20,6 +22,14 @@ def of_run(data: Any, particles: int, updates: Updates | None) -> list[str]:
     words = effective.sentence(low, when, "areas and shares after it are rough")
     warning = f"{words}. Check it; else give {enough(low):,} particles or more{anew}"
     return [*lost, warning, *effective.of_run(data, particles, update.time, update.left)]
+
+
+def _placed(update: Update) -> str:
+    """Return a warning of the first update after which particles were placed anew."""
+    return (
+        f"Particles were placed anew {after(update)}, as [resampling] asks: a heuristic, no posterior. Areas and shares from then on are "
+        "rough; what is told of speed and course is of those before"
+    )
 
 
 def _lost(update: Update) -> str:

@@ -169,6 +169,7 @@ radius = "6 nmi"
     assert not result.updates.all[1].resampled  # what little is left is not multiplied
     assert not any("count after" in warning for warning in result.summary["warnings"])  # what is placed anew counts
     assert any("track is lost" in warning for warning in result.summary["warnings"])
+    assert any('after contact "second"' in w and "a heuristic, no posterior" in w for w in result.summary["warnings"])
 
 
 @pytest.mark.parametrize(
