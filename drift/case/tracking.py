@@ -74,6 +74,18 @@ class PlanTable(fields.Table):
         return self
 
 
+def _on(value: object) -> object:
+    """Return a plan or whether it is on at all; of a table that is wrong what is wrong with it, and nothing of the other kind."""
+    if isinstance(value, dict):
+        try:
+            return PlanTable.model_validate(value)
+        except ValidationError as error:
+            raise ValueError("; ".join(messages.lines(error, value))) from None
+    if not isinstance(value, bool | PlanTable):
+        raise ValueError(f'{value!r} must be true, false, or a table like {{ every = "15 min", lasting = "2 min" }}')
+    return value
+
+
 class TargetTable(WayTable):
     """Who is followed."""
 
@@ -98,7 +110,7 @@ class SensorTable(fields.Table):
     """On either side, in degrees."""
     sweep: fields.Duration = 1.2
     """Time between its looks all round."""
-    on: PlanTable | bool = True
+    on: Annotated[PlanTable | bool, BeforeValidator(_on)] = True
     """When it is on."""
     hears: bool = False
     """It detects a target's radar while that is on; its silence tells nothing."""
