@@ -90,7 +90,7 @@ Sweeps = ti.types.argpack(
     sweep_row=Ints,  # of the estimates, or -1
 )  # fmt: skip
 
-Legs = ti.types.argpack(
+Legs = ti.types.argpack(  # of each way the last has no speed: there it stays
     leg_time=Doubles,  # [s]
     leg_place=Doubles,  # (3 n,) unit vector of its begin
     leg_way=Doubles,  # (3 n,) unit tangent there
@@ -190,7 +190,7 @@ def tracker_at(legs: ti.template(), first: ti.i32, last: ti.i32, time: ti.f64):
     while leg + 1 < last and legs.leg_time[leg + 1] <= time:
         leg += 1
     p, u = vector(legs.leg_place, leg), vector(legs.leg_way, leg)
-    angle = legs.leg_rate[leg] * (time - legs.leg_time[leg])
+    angle = legs.leg_rate[leg] * ti.max(time - legs.leg_time[leg], ti.f64(0.0))
     c, s = ti.cos(angle), ti.sin(angle)
     return p * c + u * s, u * c - p * s, legs.leg_rate[leg]
 
@@ -229,7 +229,8 @@ def act(
             # What is across the line of sight must be the same for both: then the bearing stays and they meet.
             right = p.cross(s).normalized(ti.f64(1e-15)) * ti.f64(-1.0)
             lead = rate * v.dot(right) / ti.max(cloud.own_rate[i], ti.f64(1e-12))
-            if ti.abs(lead) < 1.0:
+            recedes = rate * v.dot((s * p.dot(s) - p).normalized(ti.f64(1e-15)))
+            if ti.abs(lead) < 1.0 and cloud.own_rate[i] * ti.sqrt(ti.max(1.0 - lead * lead, ti.f64(0.0))) > recedes:
                 course += ti.asin(lead)
         u = north * ti.cos(course) + east * ti.sin(course)
     cloud.own_mode[i] = mode

@@ -429,7 +429,8 @@ def _reaction(plan: ti.template(), t: Target, row: ti.i32, uniform: ti.f32) -> t
         back = sphere.offset(x, y, t.lon + dlon, t.lat + dlat)
         far = ti.sqrt(back[0] * back[0] + back[1] * back[1])
         lead = (pace[1] * back[0] - pace[0] * back[1]) / ti.max(far * t.speed, 1e-6)
-        if ti.abs(lead) < 1.0:
+        recedes = -(pace[0] * back[0] + pace[1] * back[1]) / ti.max(far, 1e-6)
+        if ti.abs(lead) < 1.0 and t.speed * ti.sqrt(ti.max(1.0 - lead * lead, 0.0)) > recedes:
             course += ti.asin(lead)
     return course
 

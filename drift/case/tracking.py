@@ -26,6 +26,7 @@ from drift.tracker.detections import Detections
 from drift.tracker.pursuit import Pursuit
 from drift.tracker.records import Filling, Plan, Sensor, Tracker
 from drift.tracker.study import Criteria, Scene, Study
+from geo import notation
 from geo.array import Array
 from geo.errors import UserError
 from geo.files import small
@@ -122,6 +123,8 @@ class SensorTable(fields.Table):
         """Refuse sweeps that no sensor makes."""
         if self.sweep < SHORTEST:
             raise ValueError(f"sweep {self.sweep:g} s must be {SHORTEST:g} s or more")
+        if self.hears and "on" in self.model_fields_set:
+            raise ValueError("on: a sensor that hears does so while the target radiates; leave on out")
         return self
 
     def sensor(self, emissions: float) -> Sensor:
@@ -390,6 +393,14 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
     wrong.refuse()
     assert tracker is not None
     assert followed is not None
+    if isinstance(followed, Detections):
+        known = (followed.time >= tracker.time[0] - 1e-6) & (followed.time <= tracker.time[-1] + 1e-6)
+        for time in followed.time[~known]:
+            when = notation.group(np.datetime64(notation.epoch(start) + round(float(time)), "s"))
+            wrong.lines.append(
+                f"detections: nobody says where the tracker was at the detection of {when}; give lat and lon there, or a track until then"
+            )
+        wrong.refuse()
     chase: Pursuit | None = None
     if table.pursuit is not None:
         with wrong.gathered("pursuit"):

@@ -40,7 +40,7 @@ def facts(found: Regained) -> dict[str, str]:
     if held.lost:
         times = ", ".join(notation.group(moment(found, time)) for time in held.lost)
         told["lost"] = f"no particle is left by {times}: sweeps that found nothing rule out where it could be. " \
-            "Check positions and reaches, or take a higher fastest speed, or more particles"  # fmt: skip
+            "Check positions and reaches and when sensors are on, or take a higher fastest speed, or more particles"  # fmt: skip
     warnings = _warnings(found)
     return {**told, "warning": "; ".join(warnings)} if warnings else told
 
@@ -66,6 +66,10 @@ def _warnings(found: Regained) -> list[str]:
         told.append(f"few particles count, {', '.join(few)}: take more particles")
     if len(study.methods) > 1:
         told.append(f'followed by "{law.name}" alone, the first of {len(study.methods)} ways')
+    nothing = held.time[held.detected & np.isnan(held.place[:, 0])]
+    if nothing.size:
+        times = ", ".join(dict.fromkeys(notation.group(moment(found, float(time))) for time in nothing))
+        told.append(f"no water in the box of what was detected at {times}: check position, bearing and range")
     if not held.clouds[-1][1]:
         told.append("no track is held at the end")
     return told

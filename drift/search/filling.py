@@ -68,7 +68,7 @@ class Placed:
 
 def bounded(contact: Contact) -> bool:
     """Return whether a contact is surely of the object, and says where that may be: only then does it rule out and place anew."""
-    sure = contact.belief == 1 and contact.false_density == 0 and contact.drifter is None
+    sure = contact.belief == 1 and contact.false_density == 0 and contact.drifter is None and contact.zones is None
     return sure and (contact.kind != "bearing" or math.isfinite(contact.far))
 
 
@@ -250,7 +250,7 @@ def places(contact: Contact, n: int, rng: np.random.Generator) -> tuple[Array, A
         bearing = rng.uniform(0, 2 * np.pi, n)
         far = np.abs(contact.range + contact.range_std * rng.standard_normal(n))
     else:
-        bearing, far = _bearings(contact, n, rng), rng.uniform(*_reach(contact), n)
+        bearing, far = _bearings(contact, n, rng), rng.uniform(contact.near, contact.far, n)
     lon, lat = np.radians(contact.sensor)
     return sphere.destination(lon, lat, far * np.sin(bearing), far * np.cos(bearing))
 
@@ -263,13 +263,6 @@ def _bearings(contact: Contact, n: int, rng: np.random.Generator) -> Array:
     if contact.wedge > 0:
         return bearing + contact.wedge * (rng.random(n) - 0.5)
     return np.asarray(bearing + contact_laws.bearing_std(contact, bearing) * rng.standard_normal(n))
-
-
-def _reach(contact: Contact) -> tuple[float, float]:
-    """Return the least and the greatest range [m] of a bearing's object."""
-    if contact.zones is None:
-        return contact.near, contact.far
-    return max(contact.near, min(contact.zones.inner)), min(contact.far, max(contact.zones.outer))
 
 
 def _within(contact: Contact, n: int, rng: np.random.Generator) -> tuple[Array, Array]:

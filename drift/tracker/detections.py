@@ -55,7 +55,7 @@ def _silent(sensor: Sensor, detected: Array, tracker: Path, end: float) -> Sweep
     time = time[(time >= tracker.time[0]) & (time <= tracker.time[-1])]
     known = np.concatenate([[-np.inf], detected, [np.inf]])
     after = np.searchsorted(known, time, side="right")
-    time = time[np.minimum(time - known[after - 1], known[after] - time) >= sensor.grace]
+    time = time[np.minimum(time - known[after - 1], known[after] - time) >= max(sensor.grace, 1e-6)]
     zero, n = np.zeros(len(time)), len(time)
     return Sweeps(
         time, tracker.at(time)[0], zero, zero + np.pi, zero, zero + sensor.reach / sphere.RADIUS,

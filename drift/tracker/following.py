@@ -101,7 +101,7 @@ class Clouds:
         places = {key: k for k, key in enumerate(distinct)}
         which = np.array([places[id(world)] for world in worlds])
         ends = np.cumsum([0] + [len(world.sweeps) for world in distinct.values()])
-        leg_ends = np.cumsum([0] + [len(world.tracker.rate) for world in distinct.values()])
+        leg_ends = np.cumsum([0] + [len(world.tracker.time) for world in distinct.values()])
         n, many = len(worlds), len(worlds) * len(trackers)
         self.shape, self.size, self.seed = (len(trackers), n), size, seed
         self.rows = max((int(world.sweeps.row.max(initial=-1)) + 1 for world in worlds), default=0)
@@ -201,10 +201,10 @@ def rules(trackers: Sequence[Tracker]) -> dict[str, Any]:
 def legs(trackers: Sequence[Path]) -> dict[str, Any]:
     """Return the device columns of the trackers' ways, one after the other."""
     values = {
-        "time": np.concatenate([way.time[:-1] for way in trackers]),
-        "place": np.concatenate([way.place[:-1] for way in trackers]),
-        "way": np.concatenate([way.way for way in trackers]),
-        "rate": np.concatenate([way.rate for way in trackers]),
+        "time": np.concatenate([way.time for way in trackers]),
+        "place": np.concatenate([way.place for way in trackers]),
+        "way": np.concatenate([np.vstack([way.way, path.frame(way.place[-1:]).north]) for way in trackers]),
+        "rate": np.concatenate([np.append(way.rate, 0.0) for way in trackers]),
     }
     return _columns(clouds.Legs, "leg", values)
 

@@ -59,9 +59,12 @@ class Study:
     minds_land: bool = True  # whether particles keep to the water
 
 
+AFTER = 0.5  # [s]
+
+
 def marks(study: Study) -> Array:
     """Return the times at which figures are taken [s]."""
-    return study.every * np.arange(1, int(study.end / study.every + 1e-9) + 1)
+    return np.round(study.every * np.arange(1, int(study.end / study.every + 1e-9) + 1), 6)
 
 
 def worlds(study: Study, shore: DeviceCoast | None = None) -> tuple[list[World], list[Path]]:
@@ -75,7 +78,8 @@ def worlds(study: Study, shore: DeviceCoast | None = None) -> tuple[list[World],
     if scene.acts is None:
         ways = [scene.way]
     else:
-        moments = np.unique(np.concatenate([marks(study), *times]))
+        # A moment after each mark, too: else its course there would be the way to the next sweep, acts and all.
+        moments = np.unique(np.round(np.concatenate([marks(study), marks(study) + AFTER, *times]), 6))
         ways = following.wanders(scene.way, scene.acts, study.tracker, moments, study.runs, study.seed, shore)
     made = [_world(study, way, times) for way in ways]
     return (made, ways) if len(ways) == study.runs else (made * study.runs, ways * study.runs)

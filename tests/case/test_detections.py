@@ -98,6 +98,7 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
         (CASE + STANDS, PLAIN.replace("9.6", "0"), "line 3: range: range 0.0 must be above 0"),
         (CASE + STANDS, PLAIN.replace("radar,43", ",43"), "line 3: a bearing or a range, and no sensor; there are radar, ears"),
         (CASE + STANDS, PLAIN.replace("43,9.6", ","), "line 3: neither a bearing nor a range: a line with a sensor is a detection"),
+        (CASE, ROWS + "+50 min, radar, 12, 8, ,\n", "nobody says where the tracker was at the detection of 050050ZMAR26"),
         (CASE, ROWS + "2026-03-05T00:40:30Z, , , , 14.16, -76.9\n", "line 6: the tracker is at two places at 2026-03-05T00:40:30Z"),
         (CASE + STANDS, PLAIN.replace("+9", "+99"), "line 3: time +99 min is not within the case: change start or duration"),
         (CASE + STANDS, PLAIN.replace("bearing", "course"), "unknown column course; allowed are time, sensor, bearing, range, lat, lon"),

@@ -62,6 +62,7 @@ def test_a_good_case_is_read(tmp_path: Path) -> None:
         ('name = "eyes"', 'name = "eyes"\non = { every = "2 min", lasting = "5 min" }', "on: lasting 300 s is longer than every, 120 s"),
         ('name = "eyes"', 'name = "eyes"\non = { evry = "2 min", lasting = "1 min" }', 'did you mean "every"'),
         ('name = "eyes"', 'name = "eyes"\non = "always"', "on: 'always' must be true, false, or a table like"),
+        ('name = "eyes"', 'name = "eyes"\nhears = true\non = false', "on: a sensor that hears does so while the target radiates"),
         ('name = "eyes"', 'name = "eyes"\nsweep = "1 ms"', "sweep 0.001 s must be 0.1 s or more"),
         ('title = "t"', 'title = "t"\nparticles = 0', "particles: 0 must be 1 to 100,000"),
         ('title = "t"', 'title = "t"\nparticels = 5', 'did you mean "particles"'),

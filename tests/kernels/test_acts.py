@@ -16,7 +16,7 @@ from geo import sphere
 FREE, SEEKING, HIDING = 1, 2, 3
 GLOBE = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 AT = (179.71, -60.8)  # the targets; the tracker crosses 180 degrees
-VERTICES = ((0.0, 179.91, -61.3), (1100.0, -179.98, -61.28), (2000.0, -179.93, -61.25))  # [s], [deg]; then it stays
+VERTICES = ((0.0, 179.91, -61.3), (1100.0, -179.98, -61.28), (2000.0, -179.93, -61.33))  # [s], [deg]; then it stays
 TRACKER = Followed(
     PERIOD.start,
     tuple(v[0] for v in VERTICES), tuple(np.radians(v[1]) for v in VERTICES), tuple(np.radians(v[2]) for v in VERTICES),
@@ -72,15 +72,16 @@ def turned(angle: np.ndarray) -> np.ndarray:
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
-def sight(found: dict[str, np.ndarray], which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return bearings to the tracker [rad], and what the tracker makes good across the line of sight, to its right [m/s]."""
-    bearing, across = [], []
+def sight(found: dict[str, np.ndarray], which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return bearings to the tracker [rad], and what the tracker makes good across the line of sight, to its right, and along it, away [m/s]."""
+    bearing, across, away = [], [], []
     for k in np.flatnonzero(which):
         x, y, toward, speed = tracker(int(found["time"][k]))
         ahead, back, _ = GLOBE.inv(found["lon"][k], found["lat"][k], x, y)
         bearing.append(np.radians(ahead))
         across.append(speed * np.sin(toward - np.radians(back + 180)))
-    return np.array(bearing), np.array(across)
+        away.append(speed * np.cos(toward - np.radians(back + 180)))
+    return np.array(bearing), np.array(across), np.array(away)
 
 
 def test_what_seeks_meets_the_tracker() -> None:
@@ -88,14 +89,16 @@ def test_what_seeks_meets_the_tracker() -> None:
     found = acts()
     seeks = found["leg"] == SEEKING
     assert seeks.sum() > 1000
-    bearing, across = sight(found, seeks)
+    bearing, across, away = sight(found, seeks)
     speed, off = found["speed"][seeks], turned(found["course"][seeks] - bearing)
     np.testing.assert_array_equal(speed, found["old_speed"][seeks])
-    able = np.abs(across) < speed
+    able = np.abs(across) < speed  # to keep the bearing, and to come nearer by it
+    able &= np.sqrt(np.maximum(speed**2 - across**2, 0)) > away
     assert 50 < (~able & (across != 0)).sum() < able.sum()
     # Half a unit of 9.3 mm in each position, on a line of sight of 3 km or more; single precision of angles up to 2 pi.
     np.testing.assert_allclose(off[~able], 0, atol=1e-5)
     sure = np.abs(np.abs(across) - speed) > 1e-3  # arcsin is steep at 1
+    assert (~able & (np.abs(across) < speed)).sum() > 20
     np.testing.assert_allclose(np.sin(off[able & sure]), (across / speed)[able & sure], atol=2e-5)
     assert (np.cos(off[able]) > 0).all()
 
@@ -103,7 +106,7 @@ def test_what_seeks_meets_the_tracker() -> None:
 def test_what_hides_flees_within_its_sector() -> None:
     found = acts()
     hides = found["leg"] == HIDING
-    bearing, _ = sight(found, hides)
+    bearing, _, _ = sight(found, hides)
     off = turned(found["course"][hides] - bearing - np.pi)
     assert hides.sum() > 800
     assert np.abs(off).max() < LAW.spread + 1e-5

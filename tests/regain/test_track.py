@@ -225,6 +225,9 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     (tmp_path / "d.csv").write_text(
         "time,sensor,bearing,range\n+2 min,radar,80,8\n+12 min,radar,70,8\n", encoding="utf-8"
     )
+    inland = {"land": "turn", "tracker.at": "'15 30N 091 00W'"}  # Guatemala
+    told = text.facts(drift.track(tmp_path / "c.toml", changes=inland))["warning"]
+    assert "no water in the box of what was detected at 050002ZMAR26, 050012ZMAR26: check position" in told
     many = {"particles": "2000"}
     assert "needs" not in text.facts(drift.track(tmp_path / "c.toml", changes=many))["warning"]
 

@@ -116,7 +116,9 @@ def moved(rng: np.random.Generator, story: str) -> tuple[np.ndarray, np.ndarray]
                 react_course = ahead + 180 + spread * rng.uniform(-1, 1, n)
             else:
                 across = pace * np.sin(np.radians(toward - back - 180)) / speed
-                react_course = ahead + np.where(np.abs(across) < 1, np.degrees(np.arcsin(np.clip(across, -1, 1))), 0)
+                away = pace * np.cos(np.radians(toward - back - 180)) / speed
+                meets = (np.abs(across) < 1) & (np.sqrt(np.maximum(1 - across**2, 0)) > away)
+                react_course = ahead + np.where(meets, np.degrees(np.arcsin(np.clip(across, -1, 1))), 0)
             course = np.where(acts & about, react_course, course)
             due = np.where(acts, time + rng.uniform(*BETWEEN, n), due)
         boxes.append(seen(lon, lat, contact))

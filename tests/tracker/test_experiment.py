@@ -156,3 +156,18 @@ def test_the_zig_zag_is_followed_from_eight_minutes_after_a_change() -> None:
     since = np.degrees(found.errors.course[0]).mean(axis=0)[minutes].reshape(5, 20)  # change, minutes since
     assert since[:, 8:].mean(axis=0).max() < 8
     assert since[:, :4].max(axis=1).min() > 45
+
+
+def test_the_target_goes_as_it_goes_whatever_figures_are_asked() -> None:
+    """Its speed at a time is that of the moment, not of the way to the next sweep or figure: the same for figures every 10 and every minute."""
+    asked = small("triangulation", end=3600.0)
+    law = Behaviour(32 * KNOT, change=1.0, acts=(180.0, 900.0))
+    speeds = []
+    for every in (600.0, 60.0, 6.6):
+        _, ways = study.worlds(replace(asked, every=every, target=replace(asked.target, acts=law, radiates=None)))
+        speeds.append(
+            [np.linalg.norm(way.at([600.0, 1200.0, 1800.0, 3000.0])[1], axis=1) * sphere.RADIUS for way in ways]
+        )
+        assert max((way.rate * sphere.RADIUS).max() for way in ways) < 32 * KNOT * 1.001
+    np.testing.assert_allclose(speeds[0], speeds[1], rtol=1e-4)
+    np.testing.assert_allclose(speeds[0], speeds[2], rtol=1e-4)

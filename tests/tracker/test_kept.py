@@ -154,3 +154,36 @@ def test_copies_that_have_not_parted_make_no_level_surer() -> None:
     expected = np.mean([density(cloud.place[k], int(k)) > there for k in picks])
     assert 0.05 < expected < 0.95
     assert found == pytest.approx(expected, abs=1e-9)
+
+
+def test_who_cannot_meet_a_tracker_goes_straight_at_it() -> None:
+    """A tracker on bearing 070 that goes 115 at 20 knots opens from all who keep its bearing at less than 20 knots: by pyproj."""
+    there = EARTH.fwd(*np.degrees([LON, LAT]), 70.0, 30 * NMI)
+    blue = path.of_legs(*np.radians(there[:2]), [path.Leg(math.radians(115), 20 * KNOT, 2 * HOUR)])
+    box = one_box(0.0, 0.05, 0.06, 180.0, 0.0, HERE)
+    scene = World(blue, sweeps.ordered([box, sweeps.marks(np.array([100.0]), blue)]))
+    after = Clouds([scene], [Tracker("x", Behaviour(FASTEST, seek=1.0, acts=(100.0, 100.0)), Filling())], 1500, 4).go()
+    cloud = after.particles(0, 0, 100.0)
+    speed = np.linalg.norm(cloud.velocity, axis=1) * sphere.RADIUS
+    lon, lat = path.degrees(cloud.place)
+    at, onward = blue.at([100.0])
+    x, y = (np.full(1500, v) for v in np.ravel(path.degrees(at)))
+    ahead, back, _ = EARTH.inv(lon, lat, x, y)
+    toward = np.degrees(path.course(at, onward))[0] - (back + 180)
+    across, away = 20 * KNOT * np.sin(np.radians(toward)), 20 * KNOT * np.cos(np.radians(toward))
+    meets = (np.abs(across) < speed) & (np.sqrt(np.maximum(speed**2 - across**2, 0)) > away)
+    assert 300 < meets.sum() < 1200
+    lead = np.where(meets, np.degrees(np.arcsin(np.clip(across / speed, -1, 1))), 0.0)
+    off = (np.degrees(path.course(cloud.place, cloud.velocity)) - ahead - lead + 180) % 360 - 180
+    assert np.abs(off[np.abs(np.abs(across) - speed) > 0.01]).max() < 0.01
+    assert (np.abs(across) < speed)[~meets].sum() > 50
+
+
+def test_a_tracker_stays_where_its_way_ends() -> None:
+    """Hiders 40 nmi north of one that went north for ten minutes flee north, hours after too; it has not overtaken them."""
+    blue = path.of_legs(LON, LAT, [path.Leg(0.0, 24 * KNOT, 600.0)])
+    box = one_box(0.0, 40.0, 42.0, 5.0, 0.0, HERE)
+    scene = World(blue, sweeps.ordered([box, sweeps.marks(np.array([4 * HOUR]), blue)]))
+    law = Tracker("x", Behaviour(3 * KNOT, hide=1.0, acts=(180.0, 900.0)), Filling())
+    after = Clouds([scene], [law], 500, 4).go().particles(0, 0, 4 * HOUR)
+    assert (np.cos(path.course(after.place, after.velocity)) > np.cos(np.radians(60))).all()
