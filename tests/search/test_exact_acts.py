@@ -145,7 +145,7 @@ def test_stories_are_weighed_as_brute_force_weighs_them(
     for row, got in enumerate(ours):
         chance = np.array([(first & (second | (row == 0))).mean() for first, second in boxes])
         expected = PRIOR * chance / (PRIOR @ chance)
-        variance = (1 - chance) / chance * (1 / N + 1 / 20_000)  # of the logarithm of each, relative
+        variance = (1 - chance) / chance * (1 / N + 1 / (60_000 * PRIOR))  # of the logarithm of each, relative
         error = expected * np.sqrt((1 - expected) ** 2 * variance + np.array([
             sum(expected[j] ** 2 * variance[j] for j in range(3) if j != i) for i in range(3)
         ]))  # fmt: skip
