@@ -1,7 +1,8 @@
 """Where a cloud is dense: Parzen's windows on its places, and the smallest areas that hold shares of it.
 
 Parzen 1962, On estimation of a probability density function and mode. The windows are normal, of the width of Scott's rule by
-the weights (Scott 2015, Multivariate density estimation); the areas are those of forecasts.
+the weights (Scott 2015, Multivariate density estimation). Cells lie along the axes of the cloud, in which windows are
+products, and hold their integrals: however narrow a cloud is, and however it lies, no window falls between cells.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,26 +10,66 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from scipy import stats
+from scipy import special, stats
 
 from drift.forecast import areas as outlines
 from drift.tracker import path
 from geo import sphere
 from geo.array import Array
-from geo.cells import Cells
 
-CELLS = 160  # along the longer side
+FINE = 4  # cells in the width of a window
+MOST = 1000  # cells along an axis
+ALONE = 0.5  # of its own window that a particle counts where no other is
+AT_ONCE = 20_000  # particles, for memory
 BEYOND = 4.0  # widths of a window beyond the outermost particles
 SAME = 0.01  # [m] within which particles are at one place
-LEAST = 10.0  # [m] a cloud on a line or at a point is taken to be so wide
+LEAST = 10.0  # [m] width of a window
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells along two axes in the plane that touches the Earth at a place: of equal distances from there, and directions."""
+
+    lon: float  # [rad]
+    lat: float  # [rad]
+    axes: Array  # (2, 2): a column is an axis, (east, north), the second a right angle anticlockwise of the first
+    x: Array  # [m] edges along the first, ascending, equidistant (nx + 1,)
+    y: Array  # [m] along the second (ny + 1,)
+
+    def middles(self) -> tuple[Array, Array]:
+        """Return the middles [m] along both axes, (nx,) and (ny,)."""
+        return (self.x[1:] + self.x[:-1]) / 2, (self.y[1:] + self.y[:-1]) / 2
+
+    def places(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return (lon, lat) [rad] of points [m] of the plane."""
+        east, north = self.axes @ np.stack([x.ravel(), y.ravel()])
+        lon, lat = sphere.destination(self.lon, self.lat, east, north)
+        return lon.reshape(x.shape), lat.reshape(x.shape)
+
+    def areas(self) -> Array:
+        """Return the area [m2] of each cell on the Earth (ny, nx); 0 beyond the antipode."""
+        apart = np.hypot(*np.meshgrid(*self.middles())) / sphere.RADIUS
+        shrunk = np.where(apart < np.pi, np.sinc(apart / np.pi), 0.0)
+        return np.asarray(shrunk * (self.x[1] - self.x[0]) * (self.y[1] - self.y[0]))
+
+    def degrees(self, ring: Array) -> Array:
+        """Return a ring [m] (n, 2) of the plane in degrees, unwrapped; one round a pole is closed along it."""
+        lon, lat = (np.degrees(v) for v in self.places(ring[:, 0], ring[:, 1]))
+        lon = np.unwrap(np.append(np.degrees(self.lon), lon), period=360.0)[1:]
+        if abs(lon[-1] - lon[0]) > 180.0:
+            pole = np.copysign(90.0, self.lat)
+            lon, lat = np.append(lon, [lon[-1], lon[0], lon[0]]), np.append(lat, [pole, pole, lat[0]])
+        return np.stack([lon, lat], axis=1)
 
 
 @dataclass(frozen=True)
 class Surface:
-    """The probability of a cloud in cells."""
+    """The density of a cloud in cells, and at its particles."""
 
-    cells: Cells
-    mass: Array  # (nlat, nlon), of sum 1
+    grid: Grid
+    height: Array  # [1/m2] (ny, nx); 0 on land
+    at_particles: Array  # [1/m2] (m,), by the others; 0 on land
+    weight: Array  # of the particles (m,), of sum 1
 
 
 @dataclass(frozen=True)
@@ -42,24 +83,51 @@ class Region:
 def surface(place: Array, weight: Array, dry: Callable[[Array, Array], Array] | None = None) -> Surface:
     """Return the density of particles at unit vectors (n, 3) with weights (n,), that lie within a hemisphere.
 
-    dry: returns whether places (lon, lat) [rad] are on land; cells whose middles are have nothing, unless all are.
+    dry: returns whether places (lon, lat) [rad] are on land; cells whose middles are have nothing, unless all particles' are.
     """
     lon, lat = np.radians(path.degrees(np.average(place, axis=0, weights=weight)))
     own = np.radians(path.degrees(place))
-    points, weight = _distinct(np.stack(sphere.offset(lon, lat, own[0], own[1])), weight)
-    if len(weight) < 3 or np.linalg.eigvalsh(np.cov(points, aweights=weight))[0] < LEAST**2:
-        corners = LEAST * np.array([[1, 1, -1, -1], [1, -1, 1, -1]])
-        points, weight = (points[:, :, None] + corners[:, None]).reshape(2, -1), np.repeat(weight, 4)
-    kernel = stats.gaussian_kde(points, weights=weight)
-    pad = BEYOND * np.sqrt(np.diag(kernel.covariance))
-    low, high = points.min(axis=1) - pad, points.max(axis=1) + pad
-    cells = _cells(float(lon), float(lat), low, high)
-    x, y = np.meshgrid(np.radians(cells.lon()), np.radians(cells.lat()))
-    at = np.stack(sphere.offset(lon, lat, x.ravel(), y.ravel()))
-    mass = kernel(at).reshape(cells.shape) * cells.area()[:, None]
-    wet = mass if dry is None else np.where(dry(x, y), 0.0, mass)
-    mass = wet if wet.any() else mass
-    return Surface(cells, mass / mass.sum())
+    points, weight = _distinct(np.stack(sphere.offset(lon, lat, own[0], own[1])), weight / weight.sum())
+    axes, width = _windows(points, weight)
+    along = axes.T @ points
+    grid = Grid(float(lon), float(lat), axes, *(_edges(*one) for one in zip(along, width, strict=True)))
+    area = grid.areas()
+    height = np.divide(_held(grid, along, width, weight), area, out=np.zeros(area.shape), where=area > 0)
+    wet = np.ones(area.shape, bool) if dry is None else ~dry(*grid.places(*np.meshgrid(*grid.middles())))
+    x, y = (np.searchsorted(edges, own) - 1 for edges, own in zip((grid.x, grid.y), along, strict=True))
+    if not wet[y, x].any():
+        wet[:] = True
+    there, cell = height[y, x], (grid.x[1] - grid.x[0]) * (grid.y[1] - grid.y[0])
+    own_window = weight / (2 * np.pi * width.prod()) * cell / area[y, x]
+    others = np.maximum(there - own_window, ALONE * there)
+    return Surface(grid, np.where(wet, height, 0.0), np.where(wet[y, x], others, 0.0), weight)
+
+
+def _windows(points: Array, weight: Array) -> tuple[Array, Array]:
+    """Return the axes (2, 2) of a cloud of places (2, n) [m] with weights (n,) of sum 1, and the width [m] of windows along each."""
+    squares = float((weight**2).sum())
+    apart = points - (points @ weight)[:, None]
+    spread, axes = np.linalg.eigh((apart * weight) @ apart.T / max(1 - squares, 0.5))  # 0.5: of two; one has no spread
+    axes[:, 1] *= np.sign(np.linalg.det(axes))
+    return axes, np.maximum(np.sqrt(np.maximum(spread, 0.0)) * squares ** (1 / 6), LEAST)
+
+
+def _edges(values: Array, width: float) -> Array:
+    """Return the edges of cells over values [m] and what windows of a width add to them."""
+    low, high = values.min() - BEYOND * width, values.max() + BEYOND * width
+    return np.linspace(low, high, min(int(np.ceil((high - low) * FINE / width)), MOST) + 1)
+
+
+def _held(grid: Grid, own: Array, width: Array, weight: Array) -> Array:
+    """Return what cells hold (ny, nx) of the windows about places (2, n) [m] along the axes, of widths (2,) along them."""
+    held = np.zeros((len(grid.y) - 1, len(grid.x) - 1))
+    for some in np.array_split(np.arange(len(weight)), -(-len(weight) // AT_ONCE)):
+        x, y = (
+            np.diff(special.ndtr((edges[:, None] - own[k, some]) / width[k]), axis=0)
+            for k, edges in enumerate((grid.x, grid.y))
+        )
+        held += (y * weight[some]) @ x.T
+    return held
 
 
 def effective(place: Array, weight: Array) -> float:
@@ -78,29 +146,21 @@ def _distinct(points: Array, weight: Array) -> tuple[Array, Array]:
     return points[:, first], np.bincount(which.ravel(), weights=weight)
 
 
-def _cells(lon: float, lat: float, low: Array, high: Array) -> Cells:
-    """Return cells over a rectangle [m] of the plane that touches a place [rad]."""
-    corners = np.array(
-        [[low[0], 0, high[0], low[0], high[0], low[0], high[0]], [0, high[1], 0, low[1], low[1], high[1], high[1]]]
-    )
-    to = sphere.destination(lon, lat, *corners)
-    west, east = (float(f((to[0] - lon + np.pi) % (2 * np.pi) - np.pi)) + lon for f in (np.min, np.max))
-    south, north = (
-        float(min(to[1].min(), lat + low[1] / sphere.RADIUS)),
-        float(max(to[1].max(), lat + high[1] / sphere.RADIUS)),
-    )
-    south, north = max(south, -np.pi / 2), min(north, np.pi / 2)
-    wide, high_ = (east - west) * np.cos((south + north) / 2), north - south
-    side = max(wide, high_) / CELLS
-    nlon, nlat = max(int(np.ceil(wide / side)), 3), max(int(np.ceil(high_ / side)), 3)
-    width, height = (int(np.ceil(v / sphere.UNIT)) for v in ((east - west) / nlon, (north - south) / nlat))
-    return Cells(int(np.floor(west / sphere.UNIT)), int(np.floor(south / sphere.UNIT)), width, height, nlon, nlat)
-
-
 def areas(found: Surface, shares: Sequence[float]) -> dict[float, Region]:
-    """Return the smallest area that holds each share."""
-    _, sizes, shapes = outlines.outlined(found.cells, found.mass, shares)
-    return {share: Region(float(size), shape) for share, size, shape in zip(shares, sizes, shapes, strict=True)}
+    """Return the smallest area that holds each share: where it is denser than at the particles of the rest.
+
+    Hyndman 1996, Computing and graphing highest density regions, by the density that all others have at a particle: what
+    the windows add round about, or fill up, makes no area hold another share.
+    """
+    x, y = found.grid.middles()
+    lattice = outlines.Lattice(x, y, (float(x[1] - x[0]), float(y[1] - y[0])), found.grid.degrees)
+    order = np.argsort(-found.at_particles, kind="stable")
+    held, afloat = np.cumsum(found.weight[order]), np.count_nonzero(found.at_particles)
+    told = {}
+    for share in shares:
+        least = found.at_particles[order[min(np.searchsorted(held, share), afloat - 1)]]
+        told[share] = Region(*outlines.contour(lattice, found.height, float(np.log(least))))
+    return told
 
 
 def along(values: Array, weight: Array, width: float, at: Array, period: float | None = None) -> Array:

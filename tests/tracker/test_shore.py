@@ -186,16 +186,27 @@ def test_times_that_are_shown_change_no_turn() -> None:
 
 
 def test_areas_leave_the_land_out() -> None:
-    """The middles of all cells that have anything are in water, by Shapely; what was on land went to the rest in proportion."""
-    place = Clouds([told((60.0, 290.0, 70.0, 1.0, 21.0))], [KEEPS], 2000, 5, shore=coast().device).go()
-    cloud = place.particles(0, 0, 60.0)
+    """The middles of all cells that have anything are in water, by Shapely, and there as dense as without land.
+
+    The outlines hold their shares of another cloud that keeps off: half of a cell along the shore is all that is lost of it.
+    """
+    place = [
+        Clouds([told((60.0, 290.0, 70.0, 1.0, 21.0))], [KEEPS], 2000, seed, shore=coast().device).go()
+        for seed in (5, 6)
+    ]
+    cloud, other = (batch.particles(0, 0, 60.0) for batch in place)
     with_land = density.surface(cloud.place, cloud.weight)
     without = density.surface(cloud.place, cloud.weight, coast().dry)
-    lon, lat = np.meshgrid(without.cells.lon(), without.cells.lat())
+    lon, lat = (np.degrees(v) for v in without.grid.places(*np.meshgrid(*without.grid.middles())))
     dry = shapely.contains_xy(land(), lon, lat)
-    assert (without.mass[dry] == 0).all()
-    np.testing.assert_allclose(without.mass[~dry], with_land.mass[~dry] / with_land.mass[~dry].sum(), rtol=1e-12)
-    assert 0.05 < with_land.mass[dry].sum() < 0.5
+    assert (without.height[dry] == 0).all()
+    np.testing.assert_array_equal(without.height[~dry], with_land.height[~dry])
+    mass = with_land.height * with_land.grid.areas()
+    assert 0.05 < mass[dry].sum() < 0.5
+    lon, lat = path.degrees(other.place)
+    for share, region in density.areas(without, (0.5, 0.9)).items():
+        held = shapely.contains_xy(region.outline, lon, lat).mean()
+        assert held == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) * 2 / 2000))
 
 
 def test_the_coast_of_a_case_is_all_that_its_particles_may_come_to() -> None:
