@@ -382,7 +382,7 @@ def _act(plan: ti.template(), key: Chance, target: Target):
 
     It keeps its course, takes any other at any speed, or seeks or hides from then on: at each of its acts it aims where it
     would meet the tracker, who is taken to keep its course, or about the reciprocal of the bearing to it (Borovies 2007,
-    Naval Postgraduate School, hdl.handle.net/10945/3648, figure 50). kernels.clouds does the same for a tracker's clouds.
+    Naval Postgraduate School, hdl.handle.net/10945/3648, figure 50). kernels.follower does the same for a tracker's clouds.
     """
     t = target
     row = plan.phases[t.phase * PHASE + 8] * BEHAVIOUR

@@ -14,7 +14,7 @@ from drift.tracker.records import METHODS, Behaviour, Filling, Tracker
 from drift.tracker.sweeps import Sweeps, joined
 from geo import sphere
 from geo.array import Array
-from kernels import clouds, noise, runtime
+from kernels import clouds, follower, noise, runtime
 from kernels.coast import DeviceCoast
 
 TOGETHER = 2**21  # particles that are held at once: 250 MB
@@ -47,7 +47,7 @@ class Particles:
     place: Array  # unit vectors (n, 3)
     velocity: Array  # [1/s] (n, 3)
     weight: Array  # shares (n,)
-    mode: Array  # kernels.clouds.ACTING, SEEKING or HIDING
+    mode: Array  # kernels.follower.ACTING, SEEKING or HIDING
 
 
 def follow(
@@ -116,7 +116,7 @@ class Clouds:
         })  # fmt: skip
         self._cloud = {
             name: runtime.empty(many * size * (3 if name in ("own_place", "own_way") else 1), law.dtype)
-            for name, law in clouds.Cloud.members.items()
+            for name, law in follower.Cloud.members.items()
         }
         self._fixed = (
             rules(trackers), _columns(clouds.Sweeps, "sweep", vars(self._sweeps)),
@@ -179,7 +179,7 @@ def _columns(kind: Any, prefix: str, values: dict[str, Any]) -> dict[str, Any]:
     """Return device columns of a pack, by its members' names."""
     columns = {}
     for member, law in kind.members.items():
-        dtype = np.int32 if law.dtype is clouds.Ints.dtype else np.float64
+        dtype = np.int32 if law.dtype is follower.Ints.dtype else np.float64
         columns[member] = runtime.upload(np.ascontiguousarray(values[member.removeprefix(f"{prefix}_")], dtype))
     return columns
 
@@ -189,13 +189,13 @@ def rules(trackers: Sequence[Tracker]) -> dict[str, Any]:
     rows = []
     for tracker in trackers:
         law, filling = tracker.behaviour, tracker.filling
-        soonest, latest = law.acts or (clouds.NEVER, clouds.NEVER)
+        soonest, latest = law.acts or (follower.NEVER, follower.NEVER)
         rows.append((
             law.change, law.seek, law.hide, law.leave, soonest, latest, law.spread, law.fastest / sphere.RADIUS,
             filling.partial, filling.bulk, METHODS[filling.method],
         ))  # fmt: skip
-    names = [member.removeprefix("rule_") for member in clouds.Rules.members]
-    return _columns(clouds.Rules, "rule", dict(zip(names, np.array(rows, np.float64).T, strict=True)))
+    names = [member.removeprefix("rule_") for member in follower.Rules.members]
+    return _columns(follower.Rules, "rule", dict(zip(names, np.array(rows, np.float64).T, strict=True)))
 
 
 def legs(trackers: Sequence[Path]) -> dict[str, Any]:
@@ -206,7 +206,7 @@ def legs(trackers: Sequence[Path]) -> dict[str, Any]:
         "way": np.concatenate([np.vstack([way.way, path.frame(way.place[-1:]).north]) for way in trackers]),
         "rate": np.concatenate([np.append(way.rate, 0.0) for way in trackers]),
     }
-    return _columns(clouds.Legs, "leg", values)
+    return _columns(follower.Legs, "leg", values)
 
 
 def wanders(

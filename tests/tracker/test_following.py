@@ -14,7 +14,8 @@ from drift.tracker.following import Clouds, World
 from drift.tracker.path import Path
 from drift.tracker.records import METHODS, Behaviour, Filling, Plan, Sensor, Tracker
 from geo import sphere
-from kernels.clouds import DETECTED, HIDING, SEEKING, SILENT
+from kernels.clouds import DETECTED, SILENT
+from kernels.follower import HIDING, SEEKING
 
 EARTH = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 EYES = Sensor("visual", 10 * NMI, 0.3, math.radians(1.5), 12.0)

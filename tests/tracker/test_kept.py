@@ -13,7 +13,8 @@ from drift.tracker import following, path, sweeps
 from drift.tracker.following import Clouds, World
 from drift.tracker.records import Behaviour, Filling, Plan, Sensor, Tracker
 from geo import sphere
-from kernels.clouds import ACTING, HIDING, SILENT
+from kernels.clouds import SILENT
+from kernels.follower import ACTING, HIDING
 
 EARTH = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 FASTEST = 32 * KNOT

@@ -1,0 +1,279 @@
+"""One particle of a cloud that follows a target which is rarely seen: where it is, what it does, how it keeps off the land.
+
+It keeps a great circle at its own speed from an anchor, and acts at times of its own (`Rules`): it takes another course
+and speed, seeks a tracker or hides from it. One that comes to the shore takes another course there.
+"""
+
+import taichi as ti
+
+from kernels import noise
+from kernels.coast import clearance, first_crossing
+
+Doubles = ti.types.ndarray(dtype=ti.f64, ndim=1)
+Ints = ti.types.ndarray(dtype=ti.i32, ndim=1)
+f64x3 = ti.types.vector(3, ti.f64)
+
+ACTING, SEEKING, HIDING = range(3)  # what a particle is about
+
+FAR = 0.05  # [rad] of way after which the anchor moves on; to twice that the series below hold to 1e-12
+NEVER = 1e300  # [s]
+UNIT = 6.283185307179586 / 4294967296.0  # [rad] of a binary angle
+ALONG = 2e-4  # [rad] of way that is held against the shore as a straight line in longitude and latitude: 1.3 km, 3 cm off at 60 degrees
+TURNS = 16  # courses that a particle tries at a place on the shore; then it goes back where it came from
+NOWHERE = 1e-6  # [rad] of way: what makes less between two turns has not got away
+
+Cloud = ti.types.argpack(
+    own_place=Doubles,  # (3 n,) unit vector of the anchor
+    own_way=Doubles,  # (3 n,) unit tangent there
+    own_rate=Doubles,  # [rad/s]
+    own_since=Doubles,  # [s] when it was at the anchor
+    own_due=Doubles,  # [s] when it acts next
+    own_weight=Doubles,
+    own_mode=Ints,  # ACTING, SEEKING or HIDING
+    own_serial=Ints,  # how many of its cloud were drawn before it: the key of its random numbers
+    own_acts=Ints,  # how often it has acted
+    own_free=Doubles,  # [s] until when its way is known to meet no shore
+    own_heap=Doubles,  # scratch: sums of weights
+)  # fmt: skip
+
+Rules = ti.types.argpack(
+    rule_change=Doubles,  # probability that a particle which acts takes another course and speed
+    rule_seek=Doubles,  # that it seeks from then on
+    rule_hide=Doubles,  # that it hides
+    rule_leave=Doubles,  # that one which seeks or hides acts freely again
+    rule_soonest=Doubles,  # [s] between acts; NEVER: particles do not act
+    rule_latest=Doubles,
+    rule_spread=Doubles,  # [rad] half of the sector about the reciprocal bearing in which one hides
+    rule_fastest=Doubles,  # [rad/s]
+    rule_partial=Doubles,  # share of particles below which duplicates are made
+    rule_bulk=Doubles,  # share below which the box is drawn from anew, or the track is lost
+    rule_method=Ints,  # WEIGHTED, AIMED or COMBINED
+)
+
+Sweeps = ti.types.argpack(
+    sweep_time=Doubles,  # [s]
+    sweep_place=Doubles,  # (3 n,) unit vector of the sensor; at a mark of the target
+    sweep_bearing=Doubles,  # [rad] of the detection
+    sweep_half=Doubles,  # [rad] its box on either side; pi: all round
+    sweep_near=Doubles,  # [rad] its box, or how far a sensor reaches that found nothing
+    sweep_far=Doubles,
+    sweep_outcome=Ints,  # SILENT, DETECTED or MARK
+    sweep_row=Ints,  # of the estimates, or -1
+)  # fmt: skip
+
+Legs = ti.types.argpack(  # of each way the last has no speed: there it stays
+    leg_time=Doubles,  # [s]
+    leg_place=Doubles,  # (3 n,) unit vector of its begin
+    leg_way=Doubles,  # (3 n,) unit tangent there
+    leg_rate=Doubles,  # [rad/s]
+)
+
+
+@ti.func
+def unit(word: ti.u32) -> ti.f64:
+    """Return a uniform number in (0, 1)."""
+    return (ti.cast(word, ti.f64) + ti.f64(0.5)) * ti.f64(1 / 4294967296)
+
+
+@ti.func
+def words(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, run: ti.i32, serial: ti.i32, number: ti.i32):
+    """Return four words for a particle of a run's clouds."""
+    return noise.philox(
+        ti.cast(serial, ti.u32), ti.cast(number, ti.u32), ti.cast(stream, ti.u32), ti.cast(run, ti.u32), seed0, seed1
+    )
+
+
+@ti.func
+def vector(column: ti.template(), i: ti.i32) -> f64x3:
+    """Return the vector in row i of a column of three numbers a row."""
+    return f64x3(column[3 * i], column[3 * i + 1], column[3 * i + 2])
+
+
+@ti.func
+def frame(p: f64x3):
+    """Return the unit vectors (east, north) at a place; at a pole those of longitude 0."""
+    across = ti.sqrt(p[0] * p[0] + p[1] * p[1])
+    east = f64x3(0.0, 1.0, 0.0)
+    if across > ti.f64(1e-12):
+        east = f64x3(-p[1] / across, p[0] / across, 0.0)
+    return east, p.cross(east)
+
+
+@ti.func
+def turned(p: f64x3, u: f64x3, angle: ti.f64):
+    """Return (place, tangent) after a way of an angle [rad], of at most twice FAR, from place and tangent."""
+    y = angle * angle
+    c = ti.f64(1.0) - y * (ti.f64(1 / 2) - y * (ti.f64(1 / 24) - y * ti.f64(1 / 720)))
+    s = angle * (ti.f64(1.0) - y * (ti.f64(1 / 6) - y * (ti.f64(1 / 120) - y * ti.f64(1 / 5040))))
+    return p * c + u * s, u * c - p * s
+
+
+@ti.func
+def along(p: f64x3, u: f64x3, angle: ti.f64):
+    """Return (place, tangent) after a way of any angle [rad], as `turned` does: nobody may have looked for days."""
+    q, v = turned(p, u, angle)
+    if angle > 2 * FAR:
+        q, v = p * ti.cos(angle) + u * ti.sin(angle), u * ti.cos(angle) - p * ti.sin(angle)
+    return q, v
+
+
+@ti.func
+def at(cloud: ti.template(), i: ti.i32):
+    """Return (anchor, tangent) of a particle."""
+    return vector(cloud.own_place, i), vector(cloud.own_way, i)
+
+
+@ti.func
+def anchor(cloud: ti.template(), i: ti.i32, p: f64x3, u: f64x3, time: ti.f64):
+    """Anchor a particle anew, at a place [unit vector] on a way [unit tangent], since a time [s]."""
+    for d in ti.static(range(3)):
+        cloud.own_place[3 * i + d], cloud.own_way[3 * i + d] = p[d], u[d]
+    cloud.own_since[i] = time
+
+
+@ti.func
+def copied(cloud: ti.template(), i: ti.i32, to: ti.i32):
+    """Write particle i over another."""
+    p, u = at(cloud, i)
+    anchor(cloud, to, p, u, cloud.own_since[i])
+    cloud.own_rate[to], cloud.own_due[to], cloud.own_weight[to] = (
+        cloud.own_rate[i],
+        cloud.own_due[i],
+        cloud.own_weight[i],
+    )
+    cloud.own_free[to] = cloud.own_free[i]
+    cloud.own_mode[to], cloud.own_serial[to], cloud.own_acts[to] = (
+        cloud.own_mode[i],
+        cloud.own_serial[i],
+        cloud.own_acts[i],
+    )
+
+
+@ti.func
+def tracker_at(legs: ti.template(), first: ti.i32, last: ti.i32, time: ti.f64):
+    """Return (place, tangent, rate) of a tracker at a time [s]."""
+    leg = first
+    while leg + 1 < last and legs.leg_time[leg + 1] <= time:
+        leg += 1
+    p, u = vector(legs.leg_place, leg), vector(legs.leg_way, leg)
+    angle = legs.leg_rate[leg] * ti.max(time - legs.leg_time[leg], ti.f64(0.0))
+    c, s = ti.cos(angle), ti.sin(angle)
+    return p * c + u * s, u * c - p * s, legs.leg_rate[leg]
+
+
+@ti.func
+def act(
+    cloud: ti.template(), rules: ti.template(), legs: ti.template(), i: ti.i32, law: ti.i32, first: ti.i32,
+    last: ti.i32, run: ti.i32, seed0: ti.u32, seed1: ti.u32,
+):  # fmt: skip
+    """Have a particle act at its own time: keep its course, take another, seek or hide."""
+    time = cloud.own_due[i]
+    p0, u0 = at(cloud, i)
+    p, u = along(p0, u0, cloud.own_rate[i] * (time - cloud.own_since[i]))
+    cloud.own_acts[i] += 1
+    drawn = words(seed0, seed1, noise.STREAM_ACT, run, cloud.own_serial[i], cloud.own_acts[i])
+    choice, mode = unit(drawn[0]), cloud.own_mode[i]
+    if mode != ACTING:
+        mode = ACTING if choice < rules.rule_leave[law] else mode
+    elif choice > 1.0 - rules.rule_hide[law]:
+        mode = HIDING
+    elif choice > 1.0 - rules.rule_hide[law] - rules.rule_seek[law]:
+        mode = SEEKING
+    east, north = frame(p)
+    if mode == ACTING:
+        if cloud.own_mode[i] == ACTING and choice < rules.rule_change[law]:
+            course = unit(drawn[1]) * ti.f64(6.283185307179586)
+            u = north * ti.cos(course) + east * ti.sin(course)
+            cloud.own_rate[i] = unit(drawn[2]) * rules.rule_fastest[law]
+    else:
+        s, v, rate = tracker_at(legs, first, last, time)
+        e, n = s.dot(east), s.dot(north)
+        course = ti.atan2(e, n)
+        if mode == HIDING:
+            course += ti.f64(3.141592653589793) + (2.0 * unit(drawn[1]) - 1.0) * rules.rule_spread[law]
+        else:
+            # What is across the line of sight must be the same for both: then the bearing stays and they meet.
+            right = p.cross(s).normalized(ti.f64(1e-15)) * ti.f64(-1.0)
+            lead = rate * v.dot(right) / ti.max(cloud.own_rate[i], ti.f64(1e-12))
+            recedes = rate * v.dot((s * p.dot(s) - p).normalized(ti.f64(1e-15)))
+            if ti.abs(lead) < 1.0 and cloud.own_rate[i] * ti.sqrt(ti.max(1.0 - lead * lead, ti.f64(0.0))) > recedes:
+                course += ti.asin(lead)
+        u = north * ti.cos(course) + east * ti.sin(course)
+    cloud.own_mode[i] = mode
+    anchor(cloud, i, p, u, time)
+    cloud.own_due[i] = (
+        time + rules.rule_soonest[law] + unit(drawn[3]) * (rules.rule_latest[law] - rules.rule_soonest[law])
+    )
+
+
+@ti.func
+def binary(p: f64x3):
+    """Return (lon, lat) [binary angle] of a unit vector."""
+    lon = ti.atan2(p[1], p[0]) * ti.f64(1 / UNIT)
+    lat = ti.atan2(p[2], ti.sqrt(p[0] * p[0] + p[1] * p[1])) * ti.f64(1 / UNIT)
+    return ti.cast(ti.cast(ti.round(lon), ti.i64), ti.i32), ti.cast(ti.round(lat), ti.i32)
+
+
+@ti.func
+def on_sphere(lon: ti.i32, lat: ti.i32) -> f64x3:
+    """Return the unit vector of a place [binary angle]."""
+    x, y = ti.cast(lon, ti.f64) * ti.f64(UNIT), ti.cast(lat, ti.f64) * ti.f64(UNIT)
+    return f64x3(ti.cos(y) * ti.cos(x), ti.cos(y) * ti.sin(x), ti.sin(y))
+
+
+@ti.func
+def keep_off(
+    cloud: ti.template(), i: ti.i32, until: ti.f64, fastest: ti.f64, run: ti.i32, seed0: ti.u32, seed1: ti.u32,
+    coast: ti.template(),
+):  # fmt: skip
+    """Hold a particle's way against the shore until a time [s]: where it meets it, it takes any other course, at its speed.
+
+    It is looked ahead in pieces that do not depend on `until`, so that no sweep more or less changes where it turns.
+    """
+    turns, going, back = 0, 1, f64x3(0.0, 0.0, 0.0)
+    while going == 1 and cloud.own_free[i] < until:
+        time, rate = cloud.own_free[i], cloud.own_rate[i]
+        p0, u0 = at(cloud, i)
+        p, _u = along(p0, u0, rate * (time - cloud.own_since[i]))
+        lon, lat = binary(p)
+        far = ti.cast(clearance(lon, lat, coast), ti.f64) * ti.f64(UNIT)
+        far *= ti.sqrt(p[0] * p[0] + p[1] * p[1]) - far  # the least cosine of a latitude that far off
+        if far > ti.f64(ALONG):
+            cloud.own_free[i] = time + far / ti.max(fastest, rate)
+        elif rate <= 0.0:
+            cloud.own_free[i] = NEVER
+        else:
+            then = time + ti.f64(ALONG) / rate
+            q, _v = along(p0, u0, rate * (then - cloud.own_since[i]))
+            to_lon, to_lat = binary(q)
+            hit, x, y, share, _edge = first_crossing(lon, lat, to_lon - lon, to_lat - lat, coast)
+            met = time + ti.cast(share, ti.f64) * (then - time)
+            if hit == 0:
+                cloud.own_free[i] = then
+            elif met > until:
+                going = 0
+            else:
+                stop = on_sphere(x, y)
+                if turns == 0 or (met - cloud.own_since[i]) * rate > ti.f64(NOWHERE):
+                    turns, back = 0, (p - stop * p.dot(stop)).normalized(ti.f64(1e-15))
+                turns += 1
+                cloud.own_acts[i] += 1
+                drawn = words(seed0, seed1, noise.STREAM_ACT, run, cloud.own_serial[i], cloud.own_acts[i])
+                course = unit(drawn[1]) * ti.f64(6.283185307179586)
+                east, north = frame(stop)
+                onward = north * ti.cos(course) + east * ti.sin(course)
+                if turns > TURNS:
+                    onward = back
+                if turns > TURNS + 1 or onward.norm() < 0.5:
+                    onward, cloud.own_rate[i] = north, 0.0  # hemmed in: it stays there until it acts
+                anchor(cloud, i, stop, onward, met)
+                cloud.own_free[i] = met
+
+
+@ti.func
+def clock(rules: ti.template(), law: ti.i32, time: ti.f64, word: ti.u32) -> ti.f64:
+    """Return when a particle that is new at a time acts first [s]."""
+    due = ti.f64(NEVER)
+    if rules.rule_soonest[law] < NEVER:
+        due = time + rules.rule_soonest[law] + unit(word) * (rules.rule_latest[law] - rules.rule_soonest[law])
+    return due
