@@ -16,7 +16,7 @@ from drift.case.contact import ContactTable
 from drift.case.expect import Expect
 from drift.case.family import FamilyTable, expanded
 from drift.case.grid import GridTable
-from drift.case.itinerary import VoyageTable, shared
+from drift.case.itinerary import shared
 from drift.case.look import LookTable
 from drift.case.plan import PlanTable, ResamplingTable, UnitTable
 from drift.case.presence import PresenceTable
@@ -28,6 +28,7 @@ from drift.case.spill import FindTable, PatrolTable, PatrolUnitTable, SpillTable
 from drift.case.tow import TowTable
 from drift.case.tracker import TrackerTable
 from drift.case.uncertainty import Uncertainty, UncertaintyTable
+from drift.case.waypoints import VoyageTable
 from drift.forecast import shares
 from geo import notation, sphere
 from geo.box import Box

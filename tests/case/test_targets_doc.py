@@ -8,7 +8,7 @@ import pytest
 from places import ROOT
 from pydantic import BaseModel
 
-from drift.case import family, itinerary, tracker
+from drift.case import family, itinerary, tracker, waypoints
 from drift.case import file as case_file
 
 if sys.version_info >= (3, 11):
@@ -21,12 +21,12 @@ HEADINGS: dict[str, type[BaseModel]] = {
     "course": itinerary.CourseTable,
     "behaviour": itinerary.ActsTable,
     "[tracker.NAME]": tracker.TrackerTable,
-    "track": itinerary.TrackTable,
-    "voyage": itinerary.VoyageTable,
-    "lanes": itinerary.LanesTable,
+    "track": waypoints.TrackTable,
+    "voyage": waypoints.VoyageTable,
+    "lanes": waypoints.LanesTable,
     "loiter": itinerary.LoiterTable,
-    "bridge": itinerary.BridgeTable,
-    "Way points": itinerary.PointTable,
+    "bridge": waypoints.BridgeTable,
+    "Way points": waypoints.PointTable,
     "Distress": itinerary.DistressTable,
     "vessel": itinerary.VesselTable,
     "[[family]]": family.FamilyTable,
