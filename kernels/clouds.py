@@ -60,9 +60,8 @@ Tracks = ti.types.argpack(
     track_first_row=Ints,  # of the estimates: that of a sweep is this and its `row`
     track_count=Ints,  # particles that count
     track_drawn=Ints,  # particles drawn so far
-    track_e_place=Doubles,  # (3 n,) stored estimate: unit vector
-    track_e_rate=Doubles,  # [rad/s] its speed; < 0: there is none yet
-    track_e_time=Doubles,  # [s]
+    track_estimate=Doubles,  # (5 n,) stored: unit vector, speed [rad/s] (< 0: there is none yet) and time [s]
+    track_lost=Doubles,  # [s] when it was lost last; NaN: never
 )  # fmt: skip
 
 Sweeps = ti.types.argpack(
@@ -76,8 +75,10 @@ Sweeps = ti.types.argpack(
     sweep_row=Ints,  # of the estimates, or -1
 )  # fmt: skip
 
-# Of an estimate; velocities [rad/s]. level: share of the cloud that lies where it is denser than at the target; NaN: not asked
-FIELDS = ("x", "y", "z", "east", "north", "rate", "count", "total", "level")
+# Of an estimate; velocities [rad/s]. level: share of the cloud that lies where it is denser than at the target; NaN: not asked.
+# lost: when the track was lost last [s], told without one too
+FIELDS = ("x", "y", "z", "east", "north", "rate", "count", "total", "level", "lost")
+WIDE = len(FIELDS)
 
 
 @ti.func
@@ -171,12 +172,10 @@ def drawn_anew(
     s = vector(sweeps.sweep_place, e)
     east, north = frame(s)
     # Of two detections at one time the first tells no speed.
-    known, old, pace = (
-        tracks.track_e_rate[k] >= 0.0 and time > tracks.track_e_time[k],
-        vector(tracks.track_e_place, k),
-        tracks.track_e_rate[k],
-    )
-    elapsed = ti.max(time - tracks.track_e_time[k], ti.f64(1e-9))
+    old = f64x3(tracks.track_estimate[5 * k], tracks.track_estimate[5 * k + 1], tracks.track_estimate[5 * k + 2])
+    pace, since = tracks.track_estimate[5 * k + 3], tracks.track_estimate[5 * k + 4]
+    known = pace >= 0.0 and time > since
+    elapsed = ti.max(time - since, ti.f64(1e-9))
     high = rules.rule_fastest[law]
     low, least = 2.0 * pace - high, high * LEAST
     by_place = known and rules.rule_method[law] != AIMED
@@ -237,14 +236,14 @@ def duplicated(
     total = ti.f64(0.0)
     for j in range(count):
         total += cloud.own_weight[base + j]
-        cloud.own_heap[base + j] = total
+        cloud.own_scratch[3 * (base + j)] = total
     for j in range(count, size):
         i, serial = base + j, drawn + j - count
         b = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1)
         want, low, high = unit(b[0]) * total, 0, count - 1
         while low < high:
             middle = (low + high) // 2
-            if cloud.own_heap[base + middle] < want:
+            if cloud.own_scratch[3 * (base + middle)] < want:
                 low = middle + 1
             else:
                 high = middle
@@ -317,14 +316,18 @@ def followed(
             drawn = duplicated(cloud, rules, base, count, size, drawn, law, time, run, seed0, seed1)
             count = size
             total, rate, mean, velocity = summed(cloud, base, count, time)
+        place = (tracks.track_first_row[k] + row) * WIDE
+        if before > 0 and count == 0:
+            tracks.track_lost[k] = time
+        if row >= 0:
+            estimates[place + 9] = tracks.track_lost[k]
         if count > 0 and (outcome == DETECTED or row >= 0):
             mean, velocity, rate = mean.normalized(), velocity / total, rate / total
             if outcome == DETECTED:
                 for d in ti.static(range(3)):
-                    tracks.track_e_place[3 * k + d] = mean[d]
-                tracks.track_e_rate[k], tracks.track_e_time[k] = rate, time
+                    tracks.track_estimate[5 * k + d] = mean[d]
+                tracks.track_estimate[5 * k + 3], tracks.track_estimate[5 * k + 4] = rate, time
             if row >= 0:
-                place = (tracks.track_first_row[k] + row) * 9
                 own_east, own_north = frame(mean)
                 for d in ti.static(range(3)):
                     estimates[place + d] = mean[d]
@@ -357,7 +360,7 @@ def follow(
     """Take clouds through their sweeps.
 
     areas: whether the level of the target is asked for at marks. size: most particles of a cloud; cloud: columns of Cloud by name, of all clouds (clouds * size,); tracks, rules,
-    sweeps, legs: columns of Tracks, Rules, Sweeps and Legs; estimates: (rows * 9,), the FIELDS of each. coast: on whose land
+    sweeps, legs: columns of Tracks, Rules, Sweeps and Legs; estimates: (rows * 10,), the FIELDS of each. coast: on whose land
     no particle is, None: anywhere.
     """
     seed0, seed1 = noise.key(seed)

@@ -33,7 +33,7 @@ Cloud = ti.types.argpack(
     own_serial=Ints,  # how many of its cloud were drawn before it: the key of its random numbers
     own_acts=Ints,  # how often it has acted
     own_free=Doubles,  # [s] until when its way is known to meet no shore
-    own_heap=Doubles,  # scratch: sums of weights
+    own_scratch=Doubles,  # (3 n,) sums of weights, of a particle in its first; or where it is
 )  # fmt: skip
 
 Rules = ti.types.argpack(

@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from kernels.follower import anchor, at, f64x3, turned, vector
+from kernels.follower import at, f64x3, turned, vector
 
 SAME = 1e-9  # [rad] within which particles are at one place: 6 mm
 PICKS = 101  # particles among which the target is ranked by density
@@ -18,8 +18,9 @@ def level(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64, mean:
     squared = ti.f64(0.0)
     for j in range(count):
         p0, u0 = at(cloud, base + j)
-        p, u = turned(p0, u0, cloud.own_rate[base + j] * (time - cloud.own_since[base + j]))
-        anchor(cloud, base + j, p.normalized(), u.normalized(), time)
+        p, _u = turned(p0, u0, cloud.own_rate[base + j] * (time - cloud.own_since[base + j]))
+        for d in ti.static(range(3)):
+            cloud.own_scratch[3 * (base + j) + d] = p[d]
         apart, w = p - mean, cloud.own_weight[base + j]
         squared += w * apart.dot(apart)
     picks = ti.min(count, PICKS)
@@ -28,14 +29,14 @@ def level(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64, mean:
     for pick in range(picks):
         i = base + pick * count // picks
         picked += cloud.own_weight[i]
-        together += cloud.own_weight[i] * at_one(cloud, base, count, vector(cloud.own_place, i))
+        together += cloud.own_weight[i] * at_one(cloud, base, count, vector(cloud.own_scratch, i))
     effective = total * picked / together
     reach = ti.f64(2.4 * 2.4) * squared / total * ti.f64(0.5) * ti.pow(effective, ti.f64(-1 / 3))
     there = density(cloud, base, count, target, -1, reach)
     denser = ti.f64(0.0)
     for pick in range(picks):
         i = base + pick * count // picks
-        if density(cloud, base, count, vector(cloud.own_place, i), i, reach) > there:
+        if density(cloud, base, count, vector(cloud.own_scratch, i), i, reach) > there:
             denser += cloud.own_weight[i]
     return denser / picked
 
@@ -45,7 +46,7 @@ def at_one(cloud: ti.template(), base: ti.i32, count: ti.i32, place: f64x3) -> t
     """Return the weight of all particles at a place."""
     found = ti.f64(0.0)
     for j in range(count):
-        apart = vector(cloud.own_place, base + j) - place
+        apart = vector(cloud.own_scratch, base + j) - place
         if apart.dot(apart) < ti.f64(SAME * SAME):
             found += cloud.own_weight[base + j]
     return found
@@ -57,7 +58,7 @@ def density(cloud: ti.template(), base: ti.i32, count: ti.i32, place: f64x3, wit
     found = ti.f64(0.0)
     for j in range(count):
         i = base + j
-        apart = vector(cloud.own_place, i) - place
+        apart = vector(cloud.own_scratch, i) - place
         if i != without:
             found += cloud.own_weight[i] * ti.max(1.0 - apart.dot(apart) / reach, ti.f64(0.0))
     return found

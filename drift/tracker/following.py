@@ -17,7 +17,8 @@ from geo.array import Array
 from kernels import clouds, follower, noise, runtime
 from kernels.coast import DeviceCoast
 
-TOGETHER = 2**21  # particles that are held at once: 250 MB
+TOGETHER = 2**21  # particles that are held at once: 290 MB
+VECTORS = ("own_place", "own_way", "own_scratch")  # columns of three numbers a particle
 
 
 @dataclass(frozen=True)
@@ -112,10 +113,10 @@ class Clouds:
             "first": self._begin, "last": self._begin,
             "first_leg": np.tile(leg_ends[which], len(trackers)), "last_leg": np.tile(leg_ends[which + 1], len(trackers)),
             "first_row": np.arange(many) * self.rows, "count": np.zeros(many), "drawn": np.zeros(many),
-            "e_place": np.zeros(3 * many), "e_rate": np.full(many, -1.0), "e_time": np.zeros(many),
+            "estimate": np.full(5 * many, -1.0), "lost": np.full(many, np.nan),
         })  # fmt: skip
         self._cloud = {
-            name: runtime.empty(many * size * (3 if name in ("own_place", "own_way") else 1), law.dtype)
+            name: runtime.empty(many * size * (3 if name in VECTORS else 1), law.dtype)
             for name, law in follower.Cloud.members.items()
         }
         self._fixed = (

@@ -54,11 +54,10 @@ def hold(asked: Study, shore: DeviceCoast | None = None, tell: Callable[[float],
         tell(number / len(shown))
     fields = held.go().fields[0, 0]
     kept = told.row >= 0
-    gone = np.isnan(fields[:, 0])
-    since = np.flatnonzero(gone[1:] & ~gone[:-1]) + 1
+    lost = np.unique(fields[:, 9])
     return Held(
         asked, told, told.time[kept], ~told.marked[kept], fields[:, :3], np.arctan2(fields[:, 3], fields[:, 4]),
-        fields[:, 5] * sphere.RADIUS, fields[:, 6], tuple(clouds), tuple(float(t) for t in told.time[kept][since]),
+        fields[:, 5] * sphere.RADIUS, fields[:, 6], tuple(clouds), tuple(lost[np.isfinite(lost)].tolist()),
     )  # fmt: skip
 
 

@@ -85,8 +85,24 @@ def test_a_track_is_lost_and_found_again() -> None:
             replace(asked, target=seen, sensors=(radar,), tracker=way, methods=(kind,), shown=(2000.0, 3000.0))
         )
         assert [cloud is None for _, cloud in held.clouds] == [True, False]
-        assert len(held.lost) == 2  # five minutes after each detection
-        assert np.isnan(held.place[held.time == 1800.0]).all()
+        # The first silence that counts, by sweeps of 2.4 s, 300 s after each detection
+        assert held.lost == (360.0, 3300.0)
+
+
+def test_a_loss_is_told_where_a_detection_finds_the_target_before_any_figure() -> None:
+    """Figures at the begin and the end alone; silence rules out all from 5 minutes after a plot, when no radar is off."""
+    asked = tracking.load("lost_contact")
+    seen = found((61, 0, 40, 6), (800, 0, 20, 9), (1600, 0, 20, 9))
+    radar = replace(asked.sensors[0], reach=30 * NMI, interval=7.0, on=Plan())
+    way = path.standing(LON, LAT, 0.0, 1700.0)
+    held = holding.hold(
+        replace(
+            asked, target=seen, sensors=(radar,), tracker=way, every=1700.0, end=1700.0, shown=(1700.0,), pursuit=None
+        )
+    )
+    assert held.detected.sum() == 3
+    assert np.isfinite(held.place[1:]).all()
+    assert held.lost == (7 * np.ceil(361 / 7), 7 * np.ceil(1100 / 7))
 
 
 def test_the_times_shown_do_not_change_the_track() -> None:

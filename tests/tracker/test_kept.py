@@ -122,6 +122,21 @@ def test_a_run_is_the_same_in_any_batch_and_among_any_number(monkeypatch: pytest
     assert len(np.unique(whole.place[0, :, 1, 0])) == 7
 
 
+def test_whether_areas_are_asked_for_changes_no_bit() -> None:
+    """With particles that act and are cut by a radar after each of the times at which areas are asked for."""
+    law = Tracker("x", Behaviour(FASTEST, change=0.5, acts=(180.0, 900.0)), Filling())
+    silences = [one_box(0.0, 0.0, 7.0, 180.0, time, HERE, SILENT) for time in np.arange(900.0, 7200.0, 400.0)]
+    boxes = [one_box(70.0, 5.0, 10.0, 30.0, 0.0, HERE), *silences, sweeps.marks(np.arange(300.0, 7200.0, 250.0), STILL)]
+    scene = World(path.standing(LON, LAT, 0.0, 7200.0), sweeps.ordered(boxes))
+    one, two = (Clouds([scene], [law], 300, 9, areas=areas).go() for areas in (False, True))
+    assert np.isfinite(two.fields[0, 0, :, 8]).sum() > 20
+    np.testing.assert_array_equal(np.delete(one.fields, 8, axis=-1), np.delete(two.fields, 8, axis=-1))
+    for name in ("place", "velocity", "weight"):
+        np.testing.assert_array_equal(
+            *(getattr(batch.particles(0, 0, 7200.0), name) for batch in (one, two)), strict=True
+        )
+
+
 def test_copies_that_have_not_parted_make_no_level_surer() -> None:
     """Forty particles, and as many with ten to fifteen duplicates each that stay where they are: windows by forty, not by five hundred.
 
