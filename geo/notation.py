@@ -62,6 +62,11 @@ def iso(time: Any) -> str:
     return f"{np.datetime_as_string(time, unit='s')}Z"
 
 
+def lasting(seconds: float) -> str:
+    """Return a duration as 90 min, or under a minute as 12 s."""
+    return f"{seconds / 60:g} min" if seconds >= 60 else f"{seconds:g} s"
+
+
 def position(lon: float, lat: float) -> str | None:
     """Return a position [deg] in degrees and decimal minutes, 28-42.0N 087-30.0W.
 

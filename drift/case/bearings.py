@@ -1,17 +1,14 @@
 """Bearings of a sensor in a row, from a CSV file: each line is a contact of its own."""
 
-import csv
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from pydantic import model_validator
 
-from drift.case import fields, heard, sources
+from drift.case import fields, heard, rows, sources
 from geo.errors import UserError
-from geo.files import small
 
-LARGEST = 10_000_000  # [bytes]
 MOST = 1000  # lines
 NEEDED, ALLOWED = (
     ("time", "bearing"),
@@ -55,20 +52,15 @@ class SeriesTable(heard.BySensorTable):
 
 def _lines(path: str) -> Iterator[tuple[int, dict[str, str]]]:
     """Give number and values of each line of a CSV file; raise UserError for what is wrong with it."""
-    name = Path(path).name
-    text = small.contents(Path(path), LARGEST).decode("utf-8-sig", errors="replace")
-    reader = csv.DictReader(text.splitlines(), skipinitialspace=True)
-    columns = [str(column).strip() for column in reader.fieldnames or ()]
-    missing, strange = [c for c in NEEDED if c not in columns], [c for c in columns if c not in ALLOWED]
-    if missing or strange:
-        wrong = f"no column {', '.join(missing)}" if missing else f"unknown column {', '.join(strange)}"
-        raise UserError(f"bearings.file: {name}: {wrong}; allowed are {', '.join(ALLOWED)}, the first two are needed")
-    reader.fieldnames = columns
+    try:
+        table = rows.Rows(path, NEEDED, ALLOWED)
+    except UserError as error:
+        raise UserError(f"bearings.file: {error}") from None
     many = 0
-    for row in reader:
+    for line, values in table:
         many += 1
-        if None in row or None in row.values():
-            raise UserError(f"bearings.file: {name}, line {reader.line_num}: as many values as names are needed")
-        yield reader.line_num, {key: value.strip() for key, value in row.items()}
+        if values is None:
+            raise UserError(f"bearings.file: {table.name}, line {line}: {table.wanted}")
+        yield line, values
     if not 0 < many <= MOST:
-        raise UserError(f"bearings.file: {name} has {many:,} bearings; 1 to {MOST:,} can be read")
+        raise UserError(f"bearings.file: {table.name} has {many:,} bearings; 1 to {MOST:,} can be read")

@@ -1,22 +1,20 @@
 """What was detected of a target that is rarely seen, from a CSV file, and where its tracker was, from it or a GPX file."""
 
-import csv
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from pydantic import BeforeValidator, ValidationError
 
-from drift.case import fields, messages, sources, tracker, units
+from drift.case import fields, messages, rows, sources, tracker, units
 from drift.case.mistakes import Mistakes
 from drift.tracker import path
 from drift.tracker.detections import Detections
 from drift.tracker.records import Sensor
+from geo import notation
 from geo.errors import UserError
-from geo.files import small
 from geo.notation import NMI
 
-LARGEST = 10_000_000  # [bytes]
 NEEDED = ("time", "sensor")
 ALLOWED = (*NEEDED, "bearing", "range", "lat", "lon")
 
@@ -63,23 +61,20 @@ def read(
     """
     name = sources.one_file(file, folder, "detections")
     label = f"detections: {Path(name).name}"
-    text = small.contents(Path(name), LARGEST).decode("utf-8-sig", errors="replace")
-    reader = csv.DictReader(text.splitlines(), skipinitialspace=True)
-    columns = [str(column).strip().lower() for column in reader.fieldnames or ()]
-    missing, strange = [c for c in NEEDED if c not in columns], [c for c in columns if c not in ALLOWED]
-    if missing or strange or ("lat" in columns) != ("lon" in columns):
-        what = f"no column {', '.join(missing)}" if missing else f"unknown column {', '.join(strange)}"
-        what = what if missing or strange else "lat and lon go together"
-        raise UserError(f"{label}: {what}; allowed are {', '.join(ALLOWED)}, the first two are needed")
-    reader.fieldnames = columns
-    wrong, rows = Mistakes(), []
+    try:
+        table = rows.Rows(name, NEEDED, ALLOWED, words=("sensor",))
+        if ("lat" in table.columns) != ("lon" in table.columns):
+            raise UserError(f"{table.name}: lat and lon go together; allowed are {', '.join(ALLOWED)}")
+    except UserError as error:
+        raise UserError(f"detections: {error}") from None
+    wrong, told = Mistakes(), []
     names = [sensor.name for sensor in sensors]
     before, own = -np.inf, None
-    for given in reader:
-        with wrong.gathered(f"{label}, line {reader.line_num}"):
-            if None in given or None in given.values():
-                raise ValueError("as many values as names are needed")
-            filled = {key: value.strip() for key, value in given.items() if value.strip()}
+    for line, given in table:
+        with wrong.gathered(f"{label}, line {line}"):
+            if given is None:
+                raise ValueError(table.wanted)
+            filled = {key: value for key, value in given.items() if value}
             cells = {key: _cell(value) if key not in NEEDED else value for key, value in filled.items()}
             try:
                 row = RowTable.model_validate(cells)
@@ -87,7 +82,10 @@ def read(
                 raise UserError(*messages.lines(error, cells)) from None
             time = _after(row.time, start)
             if not 0 <= time <= end:
-                raise ValueError(f"time {filled['time']} is not within the case: change start or duration")
+                raise ValueError(
+                    f"time {filled['time']} is not within the case, {notation.group(start)} to "
+                    f"{notation.group(start + np.timedelta64(round(end), 's'))}: change start or duration"
+                )
             if time < before:
                 raise ValueError(f"time {filled['time']} is before that of the line above; put them in order of time")
             before = time
@@ -103,9 +101,9 @@ def read(
                 if own is not None and own[0] == time and own[1:] != (row.lat, row.lon):
                     raise ValueError(f"the tracker is at two places at {filled['time']}; the other is in a line above")
                 own = (time, row.lat, row.lon)
-            rows.append((time, row))
+            told.append((time, row))
     wrong.refuse()
-    seen = [(time, row) for time, row in rows if row.sensor]
+    seen = [(time, row) for time, row in told if row.sensor]
     if not seen:
         raise UserError(f"{label}: no detection; a track begins with one")
     columns_of = ("bearing", "range")
@@ -119,12 +117,12 @@ def read(
         np.radians(bearing),
         distance,
     )
-    if "lat" not in columns:
+    if "lat" not in table.columns:
         return found, None
-    placed = np.array([(time, row.lon, row.lat) for time, row in rows if row.lat is not None], np.float64)
+    placed = np.array([(time, row.lon, row.lat) for time, row in told if row.lat is not None], np.float64)
     if not len(placed) or placed[0, 0] > found.time[0]:
         raise UserError(f"{label}: nobody says where the tracker was at the first detection; give lat and lon there")
-    return found, tracker.through(placed[:, 0], placed[:, 1], placed[:, 2], label)
+    return found, tracker.through(placed[:, 0], placed[:, 1], placed[:, 2], start, label)
 
 
 def _check(row: RowTable, names: list[str], sensors: tuple[Sensor, ...]) -> None:

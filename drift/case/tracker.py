@@ -12,6 +12,7 @@ from drift.tracker.path import Leg
 from geo import notation, sphere
 from geo.array import Array
 from geo.errors import UserError
+from geo.notation import KNOT
 
 FASTEST = 150.0  # [m/s] of a tracker
 
@@ -96,11 +97,11 @@ def _tracked(file: str, folder: Path, start: np.datetime64, end: float) -> path.
     time = np.array(points.time) - notation.epoch(start)
     if time[0] > end or time[-1] < 0:
         raise ValueError(f'"{Path(name).name}" is not of the time of this case')
-    return through(time, np.array(points.lon), np.array(points.lat), f'"{Path(name).name}"')
+    return through(time, np.array(points.lon), np.array(points.lat), start, f'"{Path(name).name}"')
 
 
-def through(time: Array, lon: Array, lat: Array, label: str) -> path.Path:
-    """Return the way through places [deg], of those of one time the last."""
+def through(time: Array, lon: Array, lat: Array, start: np.datetime64, label: str) -> path.Path:
+    """Return the way through places [deg] at times [s] after the start, of those of one time the last."""
     last = np.append(np.diff(time) > 0, True)
     time, lon, lat = time[last], np.radians(lon[last]), np.radians(lat[last])
     if len(time) == 1:
@@ -108,7 +109,9 @@ def through(time: Array, lon: Array, lat: Array, label: str) -> path.Path:
     way = path.through(time, lon, lat)
     k = int(way.rate.argmax())
     if way.rate[k] * sphere.RADIUS > FASTEST:
+        before, after = (notation.group(start + np.timedelta64(round(float(t)), "s")) for t in (time[k], time[k + 1]))
         raise UserError(
-            f"{label}: the tracker would be faster than {FASTEST:g} m/s, {time[k]:g} to {time[k + 1]:g} s after the start"
+            f"{label}: from {before} to {after} the tracker would make {way.rate[k] * sphere.RADIUS / KNOT:,.0f} kn; allowed are "
+            f"{FASTEST / KNOT:.0f}: check times, latitudes and longitudes there"
         )
     return way

@@ -7,7 +7,7 @@ line each.
 import math
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
@@ -71,7 +71,9 @@ class PlanTable(fields.Table):
     def proper(self) -> "PlanTable":
         """Refuse times that run into one another."""
         if self.lasting > self.every:
-            raise ValueError(f"lasting {self.lasting:g} s is longer than every, {self.every:g} s")
+            raise ValueError(
+                f"lasting, {notation.lasting(self.lasting)}, is longer than every, {notation.lasting(self.every)}"
+            )
         return self
 
 
@@ -218,19 +220,21 @@ class PursuitTable(fields.Table):
     replan: fields.Share = 0.8
     """It is planned anew when seeing nothing since the last plan was less likely than this (Klaas' trigger)."""
 
-    def pursuit(self, seen: Array, tracker: path.Path, known: float, end: float) -> Pursuit:
-        """Return the record; seen: times of detections [s]; known: until when the log knows the tracker [s].
+    def pursuit(
+        self, seen: Array, tracker: path.Path, known: float, end: float, told: Callable[[float], str]
+    ) -> Pursuit:
+        """Return the record; seen: times of detections [s]; known: until when the log knows the tracker [s]; told: puts a time in words.
 
         Raises ValueError for what does not fit.
         """
         begin = max(float(seen[-1]), min(known, end)) if self.begin is None else self.begin
         lasting = end - begin if self.lasting is None else self.lasting
         if begin < seen[-1]:
-            raise ValueError(f"begin {begin:g} s is before the last detection, {seen[-1]:g} s")
+            raise ValueError(f"begin {told(begin)} is before the last detection, {told(seen[-1])}")
         if begin + lasting > end + 1e-6:
-            raise ValueError(f"it would last until {begin + lasting:g} s, the case lasts {end:g} s")
+            raise ValueError(f"it would last until {told(begin + lasting)}, the case until {told(end)}")
         if self.at is None and not tracker.time[0] <= begin <= tracker.time[-1]:
-            raise ValueError(f"nobody says where the tracker is at {begin:g} s; give at, or another begin")
+            raise ValueError(f"nobody says where the tracker is at {told(begin)}; give at, or another begin")
         start = np.radians(self.at) if self.at is not None else np.radians(path.degrees(tracker.at([begin])[0][0]))
         to = None if self.to is None else (float(np.radians(self.to[0])), float(np.radians(self.to[1])))
         steps = int(lasting / self.step + 1e-9)
@@ -306,10 +310,9 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
         text = small.contents(place, LARGEST).decode("utf-8-sig")
         data = tomllib.loads(text)
     except OSError as error:
-        known = ", ".join(shipped())
-        raise UserError(
-            f'case "{str(name)[:300]}": cannot be read: {error.strerror}; tracking cases that ship: {known}'
-        ) from None
+        other = str(name) in (case for case, _ in case_file.shipped())
+        what = "is a case of drift run" if other else f"cannot be read: {error.strerror}"
+        raise UserError(f'case "{str(name)[:300]}": {what}; tracking cases that ship: {", ".join(shipped())}') from None
     except UnicodeDecodeError:
         raise UserError(f'case "{name}": is not text in UTF-8') from None
     except (ValueError, RecursionError) as error:
@@ -341,6 +344,10 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
     if isinstance(start, np.timedelta64):
         wrong.lines.append("start: must be a date and time")
         start = np.datetime64(0, "s")
+
+    def told(seconds: float) -> str:
+        return notation.group(np.datetime64(notation.epoch(start) + round(float(seconds)), "s"))
+
     for what, value in (("particles", table.particles), ("experiment.runs", table.experiment.runs)):
         if not 1 <= value <= MOST:
             wrong.lines.append(f"{what}: {value:,} must be 1 to {MOST:,}")
@@ -348,11 +355,13 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
         wrong.lines.append(f"seed: {table.seed} must be 0 to 2**64 - 1")
     for what, after in (("every", table.every), *(("show", after) for after in table.show)):
         if after > table.duration:
-            wrong.lines.append(f"{what}: {after:g} s is longer than the case, {table.duration:g} s")
+            wrong.lines.append(
+                f"{what}: {notation.lasting(after)} is longer than the case, {notation.lasting(table.duration)}"
+            )
     window = table.experiment.window
     if window is not None and not math.floor(min(window[1], table.duration) / table.every) * table.every >= window[0]:
         wrong.lines.append(
-            f"experiment.window: no figure is taken from {window[0]:g} to {window[1]:g} s; the case lasts {table.duration:g} s, every {table.every:g} s"
+            f"experiment.window: no figure is taken from {notation.lasting(window[0])} to {notation.lasting(window[1])}; the case lasts {notation.lasting(table.duration)}, every {notation.lasting(table.every)}"
         )
     for kind in ("sensor", "method"):
         names = [one.name for one in getattr(table, kind)]
@@ -396,9 +405,8 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
     if isinstance(followed, Detections):
         known = (followed.time >= tracker.time[0] - 1e-6) & (followed.time <= tracker.time[-1] + 1e-6)
         for time in followed.time[~known]:
-            when = notation.group(np.datetime64(notation.epoch(start) + round(float(time)), "s"))
             wrong.lines.append(
-                f"detections: nobody says where the tracker was at the detection of {when}; give lat and lon there, or a track until then"
+                f"detections: nobody says where the tracker was at the detection of {told(time)}; give lat and lon there, or a track until then"
             )
         wrong.refuse()
     chase: Pursuit | None = None
@@ -407,7 +415,7 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
             if not isinstance(followed, Detections):
                 raise ValueError("is of detections; a [target] is followed in experiments")
             chase = table.pursuit.pursuit(
-                followed.time, tracker, 0.0 if own is None else float(own.time[-1]), table.duration
+                followed.time, tracker, 0.0 if own is None else float(own.time[-1]), table.duration, told
             )
     wrong.refuse()
     criteria = table.experiment.criteria

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from matplotlib.axes import Axes
 
-from drift.maps import chart, page, sheet
+from drift.maps import chart, labels, page, sheet
 from drift.maps.chart import GREY, INK, RED, Frame
 from drift.maps.imprint import Imprint
 from drift.maps.sheet import Row, Sheet
@@ -27,6 +27,7 @@ WIDTH, HEIGHT = 11.7, 9.6  # [in]
 MAP = (0.05, 0.06, 0.655, 0.845)
 KEY = 0.725  # left edge of the key
 DOTS = 1500  # drawn of a cloud
+LINES = {0.5: 1.8, 0.9: 0.8}  # widths of the areas' outlines, by share
 RAY = 24  # points along a bearing
 PATH = "#e65100"
 WINDOWS = (7.2, 1.0)  # [deg, kn] of courses and speeds, as Borovies has them
@@ -54,6 +55,7 @@ def draw(found: Regained, path: Path, imprint: Imprint, land: Callable[[Box], It
     if found.chased is not None:
         key += _chase(axes, frame, found, found.chased)
     chart.scale_bar(axes, frame, chart.free_corner(frame, *_dots(frame, found)))
+    _times(on, axes, frame, found)
     _densities(on, found)
     sheet.legend(
         on.figure, key, loc="upper left", bbox_to_anchor=(KEY - 0.01, MAP[1] + MAP[3] + 0.01), fontsize=8.5,
@@ -64,13 +66,13 @@ def draw(found: Regained, path: Path, imprint: Imprint, land: Callable[[Box], It
 
 
 def _places(found: Regained) -> tuple[Array, Array]:
-    """Return all positions [deg] that the chart has to show."""
+    """Return all positions [deg] that the chart has to show; of clouds the areas, for few particles may be far beyond them."""
     held = found.held
     parts = [held.place[np.isfinite(held.place[:, 0])], _own(found)[0]]
-    parts += [cloud.place for _, cloud in held.clouds if cloud is not None]
     if found.chased is not None:
         parts.append(found.chased.found.path.place)
-    lon, lat = paths.degrees(np.concatenate(parts))
+    outlines = [region.outline for _, regions in found.areas for region in regions.values()]
+    lon, lat = np.hstack([paths.degrees(np.concatenate(parts)), *(shapely.get_coordinates(one).T for one in outlines)])
     return sphere.near_degrees(lon, lon[0]), lat
 
 
@@ -101,18 +103,21 @@ def _tracker(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]
 
 
 def _detections(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
-    """Draw a ray to each detection, as long as its range, or as far as the sensor reaches."""
+    """Draw a ray to each detection, as long as its range, or as far as the sensor reaches; of a range alone the circle."""
     seen, study = found.held.study.target, found.held.study
     assert isinstance(seen, Detections)
-    symbols = []
+    symbols, spot = [], None
     styles = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 2, 1.5, 2)))
     for number, sensor in enumerate(study.sensors):
         line = None
-        for k in np.flatnonzero((seen.sensor == number) & ~np.isnan(seen.bearing)):
+        for k in np.flatnonzero(seen.sensor == number):
             lon, lat = np.radians(paths.degrees(study.tracker.at([seen.time[k]])[0]))
-            whole = sensor.reach if np.isnan(seen.range[k]) else seen.range[k]
-            far = whole * np.linspace(0, 1, RAY)
-            to = sphere.destination(lon, lat, np.sin(seen.bearing[k]) * far, np.cos(seen.bearing[k]) * far)
+            if np.isnan(seen.bearing[k]):
+                bearing, far = np.linspace(0, 2 * np.pi, 10 * RAY), seen.range[k]
+            else:
+                whole = sensor.reach if np.isnan(seen.range[k]) else seen.range[k]
+                bearing, far = seen.bearing[k], whole * np.linspace(0, 1, RAY)
+            to = sphere.destination(lon, lat, np.sin(bearing) * far, np.cos(bearing) * far)
             x, y = frame.project(*np.degrees(to))
             (line,) = axes.plot(
                 x,
@@ -124,16 +129,16 @@ def _detections(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, st
                 scalex=False,
                 scaley=False,
             )
-            if not np.isnan(seen.range[k]):
-                axes.plot(x[-1:], y[-1:], "+", color=INK, markersize=7, zorder=9)
+            if not np.isnan(seen.range[k]) and not np.isnan(seen.bearing[k]):
+                (spot,) = axes.plot(x[-1:], y[-1:], "+", color=INK, markersize=7, zorder=9, linestyle="none")
         if line is not None:
             symbols.append((line, f"detection by {sensor.name}"))
-    return symbols
+    return symbols if spot is None else [*symbols, (spot, "place by a bearing and a range")]
 
 
 def _clouds(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
     """Draw the cloud at each time shown, later ones warmer, with the outlines of its areas."""
-    symbols = []
+    symbols: list[tuple[Any, str]] = []
     colours = _colours(found)
     for (time, cloud), (_, regions), colour in zip(found.held.clouds, found.areas, colours, strict=True):
         when = notation.group(text.moment(found, time))
@@ -151,10 +156,13 @@ def _clouds(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
                 lonlat = np.array(ring.coords)
                 axes.plot(
                     *frame.project(lonlat[:, 0], lonlat[:, 1]), color=colour, zorder=4,
-                    linewidth=1.6 if share < 0.7 else 0.9,
+                    linewidth=LINES[share],
                 )  # fmt: skip
         (sign,) = axes.plot([], [], "o", color=colour, markersize=7)
         symbols.append((sign, f"{when}: area of\n{text.sizes(regions)}"))
+    if any(regions for _, regions in found.areas):
+        for share, width in LINES.items():
+            symbols.append((axes.plot([], [], color=GREY, linewidth=width)[0], f"area of {notation.percent(share)} %"))
     return symbols
 
 
@@ -195,6 +203,19 @@ def _estimate(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]
     shown = [int(np.flatnonzero(held.time == time)[-1]) for time, cloud in held.clouds if cloud is not None]
     (spot,) = axes.plot(*_project(frame, held.place[shown]), "o", color=RED, markersize=5, zorder=9)
     return [((line, spot), "estimated track, and where it is at those times")]
+
+
+def _times(on: sheet.Page, axes: Axes, frame: Frame, found: Regained) -> None:
+    """Write the time of day beside the estimates shown."""
+    held = found.held
+    points: list[labels.Point] = []
+    for time, cloud in held.clouds:
+        if cloud is not None:
+            k = int(np.flatnonzero(held.time == time)[-1])
+            x, y = _project(frame, held.place[k : k + 1])
+            when = notation.day_time(text.moment(found, time))
+            points.append((float(x[0]), float(y[0]), when, {"fontsize": 8, "color": RED}))
+    labels.place(axes, on.canvas, points, (), set(range(len(points))))
 
 
 def _chase(axes: Axes, frame: Frame, found: Regained, chased: Chased) -> list[tuple[Any, str]]:

@@ -13,9 +13,12 @@ from drift.regain.record import Regained
 from drift.tracker import density, detections, path
 from drift.tracker.density import Region
 from drift.tracker.detections import Detections
+from drift.tracker.following import Particles
+from drift.tracker.holding import Held
 from geo import notation, sphere
 from geo.notation import KNOT, NMI
 
+VAGUE = np.radians(90)  # spread of courses from which on none is told: if all are alike it is 104 degrees
 FEW = 50.0  # effective particles under which results warn
 
 
@@ -58,6 +61,13 @@ def _warnings(found: Regained) -> list[str]:
                 f"the plot of {when} needs {speed / KNOT:,.0f} kn from the one before, fastest is {law.behaviour.fastest / KNOT:.3g} kn: "
                 "check its bearing and range"
             )
+    for k, number in enumerate(seen.sensor):
+        sensor = study.sensors[number]
+        # One that is never on is one whose silence is not to count.
+        if not sensor.hears and np.isfinite(sensor.on.begin) and not sensor.on.includes(float(seen.time[k])):
+            told.append(
+                f"{sensor.name} was off when it detected something at {notation.group(moment(found, seen.time[k]))}: check when it is on"
+            )
     few = [
         f"{count:.0f} at {notation.group(moment(found, time))}"
         for time, cloud in held.clouds if cloud is not None and (count := density.effective(cloud.place, cloud.weight)) < FEW
@@ -78,11 +88,30 @@ def _warnings(found: Regained) -> list[str]:
 def _state(found: Regained, time: float, regions: Mapping[float, Region]) -> str:
     held = found.held
     k = int(np.flatnonzero((held.time == time) & ~held.detected)[-1])
-    if not regions:
+    cloud = dict(held.clouds)[time]
+    if not regions or cloud is None:
         return "no track is held"
     lon, lat = path.degrees(held.place[k])
     course = round(float(np.degrees(held.course[k]))) % 360
-    return f"{notation.position(float(lon), float(lat))}, course {course:03d}, {held.speed[k] / KNOT:.0f} kn; {sizes(regions)}"
+    off, slower = _spread(cloud, held.course[k])
+    told = f"course {course:03d} +- {np.degrees(off):.0f}" if off < VAGUE else "any course"
+    return f"{notation.position(float(lon), float(lat))}, {told}, {held.speed[k] / KNOT:.0f} +- {slower / KNOT:.0f} kn; {sizes(regions)}"
+
+
+def _spread(cloud: Particles, course: float) -> tuple[float, float]:
+    """Return the root mean square of what courses differ from one [rad], and the standard deviation of speeds [m/s]."""
+    off = sphere.wrap(path.course(cloud.place, cloud.velocity) - course)
+    speed = np.linalg.norm(cloud.velocity, axis=1) * sphere.RADIUS
+    mean = np.average(speed, weights=cloud.weight)
+    one, two = (float(np.sqrt(np.average(v**2, weights=cloud.weight))) for v in (off, speed - mean))
+    return one, two
+
+
+def _once(held: Held) -> list[tuple[int, bool]]:
+    """Return the last row of each time, and whether anything was detected then."""
+    last = np.append(np.diff(held.time) > 0, True)
+    groups = np.split(held.detected, np.flatnonzero(last)[:-1] + 1)
+    return [(int(k), bool(some.any())) for k, some in zip(np.flatnonzero(last), groups, strict=True)]
 
 
 def _path(found: Regained) -> str:
@@ -153,11 +182,11 @@ def table(found: Regained) -> str:
     header = ["time", "detection", "lat", "lon", "course_deg", "speed_kn", "particles"]
     lon, lat = path.degrees(held.place)
     rows: list[list[Any]] = []
-    for k, time in enumerate(held.time):
+    for k, detected in _once(held):
         known = np.isfinite(lat[k])
         numbers = [lat[k], lon[k], np.degrees(held.course[k]) % 360, held.speed[k] / KNOT]
         rows.append([
-            notation.iso(moment(found, time)), "yes" if held.detected[k] else "no",
+            notation.iso(moment(found, held.time[k])), "yes" if detected else "no",
             *(f"{v:.{d}f}" if known else "" for v, d in zip(numbers, (4, 4, 1, 1), strict=True)),
             int(held.count[k]) if known else 0,
         ])  # fmt: skip
@@ -169,6 +198,7 @@ def gpx(found: Regained, run: str) -> str:
     held = found.held
     root = gpx_file.document(held.study.title, f"Estimated track; run {run}")
     lon, lat = path.degrees(held.place)
+    rows = np.array([k for k, _ in _once(held)])
     known = np.isfinite(lat)
     for time, _ in found.areas:
         k = int(np.flatnonzero(held.time == time)[-1])
@@ -177,8 +207,8 @@ def gpx(found: Regained, run: str) -> str:
             gpx_file.point(root, "wpt", float(lon[k]), float(lat[k]), time=moment(found, time), name=name)
     track = ET.SubElement(root, "trk")
     markup.leaf(track, "name", "estimated track")
-    edges = np.flatnonzero(np.diff(known.astype(int))) + 1
-    for some in np.split(np.arange(len(known)), edges):
+    edges = np.flatnonzero(np.diff(known[rows].astype(int))) + 1
+    for some in np.split(rows, edges):
         if known[some[0]]:
             segment = ET.SubElement(track, "trkseg")
             for k in some:
@@ -211,9 +241,12 @@ def numbers(found: Regained) -> dict[str, Any]:
     told = []
     for time, regions in found.areas:
         k = int(np.flatnonzero((held.time == time) & ~held.detected)[-1])
+        cloud = dict(held.clouds)[time]
+        off, slower = (np.nan, np.nan) if cloud is None else _spread(cloud, held.course[k])
         state = {
             "lat": float(lat[k]), "lon": float(lon[k]), "course_deg": float(np.degrees(held.course[k]) % 360),
             "speed_kn": float(held.speed[k] / KNOT), "particles": int(held.count[k]),
+            "course_spread_deg": float(np.degrees(off)), "speed_std_kn": slower / KNOT,
             "area_nmi2": {notation.percent(share): region.area / NMI**2 for share, region in regions.items()},
         } if regions else {}  # fmt: skip
         told.append({"time": notation.iso(moment(found, time)), "held": bool(regions), **state})

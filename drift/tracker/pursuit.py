@@ -123,10 +123,7 @@ def pursue(asked: Pursuit, forecast: Forecast, closed: Closed | None = None) -> 
     shut = np.zeros(centres.shape[:2], bool)
     here = (cells.half, cells.half)
     goal = None if asked.to is None else cells.cell(*asked.to)
-    if asked.to is not None and goal is None:
-        raise ValueError("the destination is out of reach in the time given")
     if closed is not None:
-        shut = closed(*path.degrees(centres), cells.size / 2)
         ends = (
             {"the vessel begins": asked.start}
             if asked.to is None
@@ -135,6 +132,10 @@ def pursue(asked: Pursuit, forecast: Forecast, closed: Closed | None = None) -> 
         for what, (lon, lat) in ends.items():
             if closed(np.degrees([lon]), np.degrees([lat]), 0.0)[0]:
                 raise ValueError(f"{what} on land")
+    if asked.to is not None and goal is None:
+        raise ValueError("the destination is out of reach in the time given")
+    if closed is not None:
+        shut = closed(*path.degrees(centres), cells.size / 2)
         for cell in (here, goal):  # harbours are near land
             if cell is not None:
                 shut[cell] = False

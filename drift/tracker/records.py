@@ -27,6 +27,10 @@ class Plan:
             number += 1
             begin = self.begin + number * self.every
 
+    def includes(self, time: float) -> bool:
+        """Return whether it is on at a time [s], or off by a second at most."""
+        return any(begin - 1 <= time <= end + 1 for begin, end in self.spans(time + 1))
+
     def sweeps(self, interval: float, end: float) -> Array:
         """Return the times of sweeps [s], one at each begin and one every interval [s] until before its end."""
         times = []

@@ -15,7 +15,9 @@ from geo.notation import KNOT, NMI
 
 def facts(study: Study) -> dict[str, str]:
     """Return a line for each part of a tracking case, by its name."""
-    told = {"time": f"{_moment(study, 0.0)} to {_moment(study, study.end)}, figures every {_lasting(study.every)}"}
+    told = {
+        "time": f"{_moment(study, 0.0)} to {_moment(study, study.end)}, figures every {notation.lasting(study.every)}"
+    }
     told["cloud"] = f"{study.size:,} particles, seed {study.seed}"
     if isinstance(study.target, Scene):
         told["target"] = _target(study.target)
@@ -29,17 +31,13 @@ def facts(study: Study) -> dict[str, str]:
     if (chase := study.pursuit) is not None:
         told["pursuit"] = (
             f"to {chase.aim} it, from {notation.position(*np.degrees(chase.start))} at {_moment(study, chase.begin)}, "
-            f"{chase.steps} looks every {_lasting(chase.interval)}, {chase.speed / KNOT:g} kn, within {chase.reach / NMI:g} nmi"
+            f"{chase.steps} looks every {notation.lasting(chase.interval)}, {chase.speed / KNOT:g} kn, within {chase.reach / NMI:g} nmi"
         )
     return told
 
 
 def _moment(study: Study, seconds: float) -> str:
     return notation.group(np.datetime64(notation.epoch(study.start) + round(seconds), "s"))
-
-
-def _lasting(seconds: float) -> str:
-    return f"{seconds / 60:g} min" if seconds >= 60 else f"{seconds:g} s"
 
 
 def _way(place: Array, rate: Array) -> str:
@@ -79,9 +77,9 @@ def _on(plan: Plan) -> str:
     if plan.begin == math.inf or plan.lasting == 0:
         return "off"
     if plan.lasting == math.inf:
-        return "on" if plan.begin == 0 else f"on from +{_lasting(plan.begin)}"
-    again = f" every {_lasting(plan.every)}" if plan.every < math.inf else ""
-    return f"on for {_lasting(plan.lasting)}{again} from +{_lasting(plan.begin)}"
+        return "on" if plan.begin == 0 else f"on from +{notation.lasting(plan.begin)}"
+    again = f" every {notation.lasting(plan.every)}" if plan.every < math.inf else ""
+    return f"on for {notation.lasting(plan.lasting)}{again} from +{notation.lasting(plan.begin)}"
 
 
 def _method(method: Tracker) -> str:
@@ -100,4 +98,4 @@ def _behaviour(law: Behaviour) -> str:
     chances = (("changes", law.change), ("seeks", law.seek), ("hides", law.hide))
     each = ", ".join(f"{what} with {100 * chance:g} %" for what, chance in chances if chance > 0)
     soonest, latest = law.acts
-    return f"{each or 'keeps course and speed'} every {_lasting(soonest)} to {_lasting(latest)}, {most}"
+    return f"{each or 'keeps course and speed'} every {notation.lasting(soonest)} to {notation.lasting(latest)}, {most}"

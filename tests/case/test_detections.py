@@ -60,6 +60,24 @@ def test_detections_are_read_in_their_units(tmp_path: File) -> None:
     np.testing.assert_allclose(lat, [14, 14 + 3.1 / 60, 14.1, 14.15])
 
 
+@pytest.mark.parametrize(
+    ("delimiter", "point", "coding"),
+    [(";", ",", "utf-8-sig"), ("\t", ",", "utf-16"), ("\t", ".", "utf-16-be"), (",", ".", "utf-8")],
+)
+def test_spreadsheets_write_tables_in_many_ways(tmp_path: File, delimiter: str, point: str, coding: str) -> None:
+    """Semicolons or tabs and decimal commas, "Unicode text", a line without values at the end, names in capitals: the same detections."""
+    one = load(tmp_path)
+    cells = [[cell.strip().replace(".", point) for cell in line.split(",")] for line in ROWS.splitlines()]
+    cells[0] = [name.upper() for name in cells[0]]
+    text = "\r\n".join(delimiter.join(row) for row in [*cells, [""] * 6]) + "\r\n"
+    mark = b"\xfe\xff" if coding == "utf-16-be" else b""
+    (tmp_path / "d.csv").write_bytes(mark + text.encode(coding))
+    two = tracking.load(tmp_path / "c.toml")
+    for name in ("time", "sensor", "bearing", "range"):
+        np.testing.assert_array_equal(getattr(one.target, name), getattr(two.target, name))
+    np.testing.assert_array_equal(one.tracker.place, two.tracker.place)
+
+
 def test_a_tracker_stays_where_its_legs_end(tmp_path: File) -> None:
     legs = 'legs = [{ course = 90, speed = "12 kn", lasting = "10 min" }]\n'
     asked = load(tmp_path, CASE + STANDS + legs, PLAIN)
@@ -100,20 +118,23 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
         (CASE + STANDS, PLAIN.replace("43,9.6", ","), "line 3: neither a bearing nor a range: a line with a sensor is a detection"),
         (CASE, ROWS + "+50 min, radar, 12, 8, ,\n", "nobody says where the tracker was at the detection of 050050ZMAR26"),
         (CASE, ROWS + "2026-03-05T00:40:30Z, , , , 14.16, -76.9\n", "line 6: the tracker is at two places at 2026-03-05T00:40:30Z"),
-        (CASE + STANDS, PLAIN.replace("+9", "+99"), "line 3: time +99 min is not within the case: change start or duration"),
+        (CASE + STANDS, PLAIN.replace("+9", "+99"), "line 3: time +99 min is not within the case, 050000ZMAR26 to 050100ZMAR26: change start or duration"),
         (CASE + STANDS, PLAIN.replace("bearing", "course"), "unknown column course; allowed are time, sensor, bearing, range, lat, lon"),
         (CASE + STANDS, PLAIN.replace("time,sensor", "when,sensor"), "no column time"),
         (CASE + STANDS, "time,sensor,bearing,range\n", "no detection; a track begins with one"),
         (CASE + STANDS, "", "no column time, sensor"),
+        (CASE + STANDS, PLAIN.replace("range", "bearing"), "there are two columns bearing"),
+        (CASE + STANDS, PLAIN.replace("9.6", "9,6"), "4: time, sensor, bearing, range; write decimals with points, or part columns by semicolons"),
+        (CASE + STANDS, "PK\x03\x04 and more", "d.csv: is a spreadsheet; save it as CSV"),
         (CASE + STANDS, PLAIN.replace("9.6", "far"), "line 3: range: "),
         (CASE, ROWS.replace("14 00.0N, 077 00.0W", ","), "nobody says where the tracker was at the first"),
-        (CASE, ROWS.replace("14 03.1N", "17 03.1N"), "the tracker would be faster than 150 m/s"),
+        (CASE, ROWS.replace("14 03.1N", "17 03.1N"), "from 050001ZMAR26 to 050010ZMAR26 the tracker would make 1,222 kn; allowed are 292"),
         (CASE, ROWS.replace("-76.93", ""), "line 4: lat and lon go together"),
         (CASE + STANDS, ROWS, "the file of detections says where it was (lat, lon); leave at"),
         (CASE.replace('detections = "d.csv"', 'detections = "e.csv"') + STANDS, PLAIN, "detections: "),
         (CASE + STANDS + '[target]\nat = "14N 077W"\n', PLAIN, "[target] and detections are both given; give one"),
         (CASE.replace('detections = "d.csv"', "") + STANDS, PLAIN, "[target] is missing: give it, or detections"),
-        (CASE.replace("[[sensor]]", 'show = ["2 h"]\n[[sensor]]', 1) + STANDS, PLAIN, "show: 7200 s is longer than the case"),
+        (CASE.replace("[[sensor]]", 'show = ["2 h"]\n[[sensor]]', 1) + STANDS, PLAIN, "show: 120 min is longer than the case, 60 min"),
         (CASE + '[tracker]\nlegs = [{ course = 1, speed = "1 kn" }]\n', PLAIN, "tracker: at: is missing; legs begin there"),
     ],
 )  # fmt: skip

@@ -18,11 +18,12 @@ from drift.case import tracking
 from drift.cli import commands
 from drift.regain import text
 from drift.tracker import holding, path
-from geo import sphere
+from geo import notation, sphere
 from geo.box import Box
 from geo.coast import shore
 from geo.errors import UserError
 
+EARTH = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 SMALL = {"particles": "600"}
 SPACE = {"g": "http://www.topografix.com/GPX/1/1"}
 
@@ -34,7 +35,8 @@ def test_a_track_is_written(tmp_path: Path) -> None:
         "manifest.json", "path.csv", "path.gpx", "summary.json", "track.csv", "track.gpx", "track.png", "track_areas.geojson",
     }  # fmt: skip
     rows = list(csv.DictReader((tmp_path / "out" / "track.csv").read_text(encoding="utf-8").splitlines()))
-    assert len(rows) == len(found.held.time)
+    assert [row["time"] for row in rows] == sorted({row["time"] for row in rows})  # one a time
+    assert len(rows) == len(np.unique(found.held.time))
     assert [row["detection"] for row in rows].count("yes") == 9
     assert rows[0]["lat"] == ""  # before the first detection
     last = rows[-1]
@@ -52,10 +54,24 @@ def test_a_track_is_written(tmp_path: Path) -> None:
         assert most.area > half.area
         assert cloud is not None
         inside = cloud.weight[shapely.contains_xy(most, *path.degrees(cloud.place))].sum()
-        assert inside > 0.85  # windows widen it: it holds more of the particles than its share
+        assert inside > 0.85
     told = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["track"]
     assert told["lost"] == []
     assert [one["held"] for one in told["shown"]] == [True] * 5
+    for one, (time, cloud) in zip(told["shown"], found.held.clouds, strict=True):
+        assert cloud is not None
+        there = path.degrees(cloud.place)
+        to = path.degrees(cloud.place + cloud.velocity)  # a second later
+        course, _, made = EARTH.inv(*there, *to)
+        own = found.held.course[np.flatnonzero(found.held.time == time)[-1]]
+        off = (course - np.degrees(own) + 180) % 360 - 180
+        assert one["course_spread_deg"] == pytest.approx(np.sqrt((cloud.weight * off**2).sum()), abs=0.01)
+        mean = (cloud.weight * made).sum()
+        spread = np.sqrt((cloud.weight * (made - mean) ** 2).sum()) * 3600 / 1852
+        assert one["speed_std_kn"] == pytest.approx(spread, rel=1e-3)
+        words = text.facts(found)[notation.group(text.moment(found, time))]
+        assert f", course {round(one['course_deg']) % 360:03d} +- {one['course_spread_deg']:.0f}, " in words
+        assert f", {one['speed_kn']:.0f} +- {one['speed_std_kn']:.0f} kn; 50 %" in words
     assert (tmp_path / "out" / "track.png").stat().st_size > 50_000
 
 
@@ -119,13 +135,17 @@ def test_what_flees_reacts_to_the_path_and_what_another_vessel_does_not_matter_t
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"pursuit.begin": "60 min"}, "pursuit: begin 3600 s is before the last detection, 4170 s"),
-        ({"pursuit.lasting": "3 h"}, "pursuit: it would last until 15300 s, the case lasts 8100 s"),
-        ({"pursuit.begin": "80 min"}, "pursuit: nobody says where the tracker is at 4800 s; give at, or another begin"),
+        ({"pursuit.begin": "60 min"}, "pursuit: begin 050300ZMAR26 is before the last detection, 050309ZMAR26"),
+        ({"pursuit.lasting": "3 h"}, "pursuit: it would last until 050615ZMAR26, the case until 050415ZMAR26"),
+        (
+            {"pursuit.begin": "80 min"},
+            "pursuit: nobody says where the tracker is at 050320ZMAR26; give at, or another begin",
+        ),
         ({"pursuit.step": "90 min"}, "pursuit: it lasts less than a step"),
         ({"pursuit.step": "10 s"}, "360 steps make"),
         ({"pursuit.aim": "avoid"}, "a path that avoids goes to a place"),
-        ({"pursuit.aim": "avoid", "pursuit.to": "20 00N 076 00W"}, "the destination is out of reach in the time given"),
+        ({"pursuit.aim": "avoid", "pursuit.to": "16 00N 076 00W"}, "the destination is out of reach in the time given"),
+        ({"pursuit.aim": "avoid", "pursuit.to": "20 00N 076 00W"}, "the destination is on land"),
         ({"pursuit.at": "18 10N 077 00W"}, "pursuit: the vessel begins on land"),
         ({"pursuit.replan": "1.5"}, "pursuit.replan"),
     ],
@@ -146,6 +166,13 @@ def test_the_command_writes_the_same_bits_with_one_thread_and_two(tmp_path: Path
         features = json.loads((out / "track_areas.geojson").read_text(encoding="utf-8"))["features"]
         made.append((features, *((out / name).read_bytes() for name in ("track.csv", "path.csv", "track.png"))))
     assert made[0] == made[1]
+
+
+def test_a_case_of_another_command_is_named() -> None:
+    with pytest.raises(
+        UserError, match='case "overdue_boat": is a case of drift run; tracking cases that ship: closing,'
+    ):
+        drift.track("overdue_boat")
 
 
 def test_a_lost_track_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -228,6 +255,13 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     inland = {"land": "turn", "tracker.at": "'15 30N 091 00W'"}  # Guatemala
     told = text.facts(drift.track(tmp_path / "c.toml", changes=inland))["warning"]
     assert "no water in the box of what was detected at 050002ZMAR26, 050012ZMAR26: check position" in told
+    plan = {"sensor.0.on": "{ every = '10 min', lasting = '2 min' }"}
+    told = text.facts(drift.track(tmp_path / "c.toml", changes=plan))["warning"]
+    assert "radar was off" not in told  # at 0002 and 0012 it still turns
+    (tmp_path / "d.csv").write_text("time,sensor,bearing,range\n+3 min,radar,80,8\n", encoding="utf-8")
+    told = text.facts(drift.track(tmp_path / "c.toml", changes=plan))["warning"]
+    assert "radar was off when it detected something at 050003ZMAR26: check when it is on" in told
+    assert "was off" not in text.facts(drift.track(tmp_path / "c.toml"))["warning"]  # its silence is not to count
     many = {"particles": "2000"}
     assert "needs" not in text.facts(drift.track(tmp_path / "c.toml", changes=many))["warning"]
 
