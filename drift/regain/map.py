@@ -68,12 +68,22 @@ def draw(found: Regained, path: Path, imprint: Imprint, land: Callable[[Box], It
 def _places(found: Regained) -> tuple[Array, Array]:
     """Return all positions [deg] that the chart has to show; of clouds the areas, for few particles may be far beyond them."""
     held = found.held
-    parts = [held.place[np.isfinite(held.place[:, 0])], _own(found)[0]]
+    parts = [held.place[np.isfinite(held.place[:, 0])], _own(found)[0], _plots(found)]
     if found.chased is not None:
         parts.append(found.chased.found.path.place)
     outlines = [region.outline for _, regions in found.areas for region in regions.values()]
     lon, lat = np.hstack([paths.degrees(np.concatenate(parts)), *(shapely.get_coordinates(one).T for one in outlines)])
     return sphere.near_degrees(lon, lon[0]), lat
+
+
+def _plots(found: Regained) -> Array:
+    """Return where bearings and ranges put what was detected, unit vectors (n, 3)."""
+    seen, study = found.held.study.target, found.held.study
+    assert isinstance(seen, Detections)
+    lon, lat = np.radians(paths.degrees(study.tracker.at(seen.time)[0]))
+    to = sphere.destination(lon, lat, np.sin(seen.bearing) * seen.range, np.cos(seen.bearing) * seen.range)
+    place = paths.vector(*to)
+    return place[np.isfinite(place[:, 0])]
 
 
 def _own(found: Regained) -> tuple[Array, Array]:
