@@ -163,9 +163,10 @@ def _clouds(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
         )  # fmt: skip
         for share, region in regions.items():
             for ring in shapely.get_rings(shapely.get_parts(region.outline)):
-                lonlat = np.array(ring.coords)
+                lon, lat = np.array(ring.coords).T
+                seam = np.abs(lat) == 90  # a ring round a pole is closed along it
                 axes.plot(
-                    *frame.project(lonlat[:, 0], lonlat[:, 1]), color=colour, zorder=4,
+                    *(np.where(seam, np.nan, v) for v in frame.project(lon, lat)), color=colour, zorder=4,
                     linewidth=LINES[share],
                 )  # fmt: skip
         (sign,) = axes.plot([], [], "o", color=colour, markersize=7)
