@@ -1,5 +1,6 @@
 """What was detected of a target that is rarely seen, from a CSV file, and where its tracker was, from it or a GPX file."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -20,11 +21,15 @@ ALLOWED = (*NEEDED, "bearing", "range", "lat", "lon")
 
 
 def _range(value: object) -> float:
-    """Return a range [m]; a bare number is nautical miles, as a plot has them."""
-    metres = units.quantity(f"{value!r} nmi" if isinstance(value, float) else value, "m", "range", "12 nmi")
+    metres = units.quantity(value, "m", "range", "12 nmi")
     if not metres > 0:
         raise ValueError(f"range {value} must be above 0")
     return metres
+
+
+def _plotted(value: object) -> float:
+    """Return a range [m]; a bare number is nautical miles, as a plot has them."""
+    return _range(f"{value!r} nmi" if isinstance(value, float) else value)
 
 
 def _cell(text: str) -> str | float:
@@ -35,8 +40,8 @@ def _cell(text: str) -> str | float:
         return text
 
 
-class RowTable(fields.Table):
-    """A line: a detection, or where no sensor stands the tracker's place alone."""
+class DetectionTable(fields.Table):
+    """What a sensor detected, or where no sensor stands the tracker's place alone."""
 
     time: fields.Time
     """Date and time, or the time after the start."""
@@ -52,10 +57,80 @@ class RowTable(fields.Table):
     """Of the tracker."""
 
 
+class RowTable(DetectionTable):
+    """The same as a line of a CSV file, where a bare range is in nautical miles."""
+
+    range: Annotated[float, BeforeValidator(_plotted)] | None = None
+
+
+class _Log:
+    """What was detected and where the tracker was, in order of time."""
+
+    def __init__(self, start: np.datetime64, end: float, sensors: tuple[Sensor, ...]) -> None:
+        """Begin a log of a case, from its start to an end [s after it]."""
+        self._start, self._end, self._sensors = start, end, sensors
+        self._names = [sensor.name for sensor in sensors]
+        self._rows: list[tuple[float, DetectionTable]] = []
+        self._place: tuple[float, float | None, float | None] | None = None
+        self._before = -np.inf
+
+    def add(self, row: DetectionTable) -> None:
+        """Take a line; raise ValueError for what is wrong with it."""
+        time = _after(row.time, self._start)
+        if not 0 <= time <= self._end:
+            raise ValueError(
+                f"time {self._told(time)} is not within the case, {self._told(0)} to {self._told(self._end)}: change start or duration"
+            )
+        if time < self._before:
+            raise ValueError(f"time {self._told(time)} is before that of the one above; put them in order of time")
+        self._before = time
+        if row.sensor:
+            _check(row, self._names, self._sensors)
+        elif row.bearing is not None or row.range is not None:
+            raise ValueError(f"a bearing or a range, and no sensor; there are {', '.join(self._names)}")
+        elif row.lat is None:
+            raise ValueError("neither a sensor nor lat and lon")
+        if (row.lat is None) != (row.lon is None):
+            raise ValueError("lat and lon go together")
+        if row.lat is not None:
+            own = (time, row.lon, row.lat)
+            if self._place is not None and self._place[0] == time and self._place != own:
+                raise ValueError(f"the tracker is at two places at {self._told(time)}; the other stands above")
+            self._place = own
+        self._rows.append((time, row))
+
+    def found(self, label: str) -> tuple[Detections, path.Path | None]:
+        """Return what was detected, and where the tracker was if that is told; raise UserError where it is not enough."""
+        seen = [(time, row) for time, row in self._rows if row.sensor]
+        if not seen:
+            raise UserError(f"{label}: no detection; a track begins with one")
+        bearing, distance = (
+            np.array([np.nan if (value := getattr(row, key)) is None else value for _, row in seen], np.float64)
+            for key in ("bearing", "range")
+        )
+        found = Detections(
+            np.array([time for time, _ in seen]),
+            np.array([self._names.index(row.sensor) for _, row in seen]),
+            np.radians(bearing),
+            distance,
+        )
+        placed = np.array([(time, row.lon, row.lat) for time, row in self._rows if row.lat is not None], np.float64)
+        if not len(placed):
+            return found, None
+        if placed[0, 0] > found.time[0]:
+            raise UserError(
+                f"{label}: nobody says where the tracker was at the first detection; give lat and lon there"
+            )
+        return found, tracker.through(placed[:, 0], placed[:, 1], placed[:, 2], self._start, label)
+
+    def _told(self, time: float) -> str:
+        return notation.iso(self._start + np.timedelta64(round(time), "s"))
+
+
 def read(
     file: str, folder: Path, start: np.datetime64, end: float, sensors: tuple[Sensor, ...]
 ) -> tuple[Detections, path.Path | None]:
-    """Return what was detected, and where the tracker was if the file says so.
+    """Return what was detected, and where the tracker was if a file says so.
 
     start, end [s after it]: of the case. Raises UserError with a line for each mistake.
     """
@@ -67,65 +142,34 @@ def read(
             raise UserError(f"{table.name}: lat and lon go together; allowed are {', '.join(ALLOWED)}")
     except UserError as error:
         raise UserError(f"detections: {error}") from None
-    wrong, told = Mistakes(), []
-    names = [sensor.name for sensor in sensors]
-    before, own = -np.inf, None
+    wrong, log = Mistakes(), _Log(start, end, sensors)
     for line, given in table:
         with wrong.gathered(f"{label}, line {line}"):
             if given is None:
                 raise ValueError(table.wanted)
-            filled = {key: value for key, value in given.items() if value}
-            cells = {key: _cell(value) if key not in NEEDED else value for key, value in filled.items()}
+            cells = {key: _cell(value) if key not in NEEDED else value for key, value in given.items() if value}
             try:
                 row = RowTable.model_validate(cells)
             except ValidationError as error:
                 raise UserError(*messages.lines(error, cells)) from None
-            time = _after(row.time, start)
-            if not 0 <= time <= end:
-                raise ValueError(
-                    f"time {filled['time']} is not within the case, {notation.group(start)} to "
-                    f"{notation.group(start + np.timedelta64(round(end), 's'))}: change start or duration"
-                )
-            if time < before:
-                raise ValueError(f"time {filled['time']} is before that of the line above; put them in order of time")
-            before = time
-            if row.sensor:
-                _check(row, names, sensors)
-            elif row.bearing is not None or row.range is not None:
-                raise ValueError(f"a bearing or a range, and no sensor; there are {', '.join(names)}")
-            elif row.lat is None:
-                raise ValueError("neither a sensor nor lat and lon")
-            if (row.lat is None) != (row.lon is None):
-                raise ValueError("lat and lon go together")
-            if row.lat is not None:
-                if own is not None and own[0] == time and own[1:] != (row.lat, row.lon):
-                    raise ValueError(f"the tracker is at two places at {filled['time']}; the other is in a line above")
-                own = (time, row.lat, row.lon)
-            told.append((time, row))
+            log.add(row)
     wrong.refuse()
-    seen = [(time, row) for time, row in told if row.sensor]
-    if not seen:
-        raise UserError(f"{label}: no detection; a track begins with one")
-    columns_of = ("bearing", "range")
-    bearing, distance = (
-        np.array([np.nan if (value := getattr(row, key)) is None else value for _, row in seen], np.float64)
-        for key in columns_of
-    )
-    found = Detections(
-        np.array([time for time, _ in seen]),
-        np.array([names.index(row.sensor) for _, row in seen]),
-        np.radians(bearing),
-        distance,
-    )
-    if "lat" not in table.columns:
-        return found, None
-    placed = np.array([(time, row.lon, row.lat) for time, row in told if row.lat is not None], np.float64)
-    if not len(placed) or placed[0, 0] > found.time[0]:
-        raise UserError(f"{label}: nobody says where the tracker was at the first detection; give lat and lon there")
-    return found, tracker.through(placed[:, 0], placed[:, 1], placed[:, 2], start, label)
+    return log.found(label)
 
 
-def _check(row: RowTable, names: list[str], sensors: tuple[Sensor, ...]) -> None:
+def told(
+    tables: Sequence[DetectionTable], start: np.datetime64, end: float, sensors: tuple[Sensor, ...]
+) -> tuple[Detections, path.Path | None]:
+    """Return the same of tables in the case itself."""
+    wrong, log = Mistakes(), _Log(start, end, sensors)
+    for number, row in enumerate(tables, 1):
+        with wrong.gathered(f"detection {number}"):
+            log.add(row)
+    wrong.refuse()
+    return log.found("detection")
+
+
+def _check(row: DetectionTable, names: list[str], sensors: tuple[Sensor, ...]) -> None:
     if row.sensor not in names:
         raise ValueError(f'no [[sensor]] "{row.sensor}"; there are {", ".join(names)}')
     if row.bearing is None and row.range is None:

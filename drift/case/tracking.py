@@ -19,6 +19,7 @@ from drift.case import detections, fields, messages, mistakes, units
 from drift.case import file as case_file
 from drift.case import tracker as tracker_table
 from drift.case.behaviour import BearingError, BehaviourTable
+from drift.case.detections import DetectionTable
 from drift.case.mistakes import Mistakes
 from drift.case.tracker import TrackerTable, WayTable
 from drift.tracker import path, pursuit
@@ -265,6 +266,8 @@ class TrackingTable(fields.Table):
     """Who is followed in an experiment."""
     detections: str | None = None
     """In place of it, a CSV file of what was detected: `time`, `sensor`, `bearing` (true, degrees), `range` (nmi), and where the tracker was, `lat` and `lon`."""
+    detection: list[DetectionTable] = Field(default_factory=list)
+    """The same in this file, in order of time; bare ranges are in metres here."""
     show: list[Elapsed] = Field(default_factory=list)
     """Of detections: times after the start at which the cloud is drawn and its areas are told; by default the last detection, the end, and between."""
     tracker: TrackerTable = TrackerTable()
@@ -294,7 +297,9 @@ def is_one(name: str | os.PathLike[str]) -> bool:
         data = tomllib.loads(small.contents(Path(name), LARGEST).decode("utf-8-sig"))
     except (OSError, UserError, ValueError, RecursionError):
         return False
-    return "target" in data or "detections" in data or ("tracker" in data and "scenario" not in data)
+    return any(key in data for key in ("target", "detections", "detection")) or (
+        "tracker" in data and "scenario" not in data
+    )
 
 
 def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = None) -> Study:
@@ -323,7 +328,9 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
             case_file.override(data, key, value)
         text += f"\n# --set {key}={value}"
     wrong.refuse()
-    if "target" not in data and "detections" not in data and ("scenario" in data or "spill" in data):
+    if not any(key in data for key in ("target", "detections", "detection")) and (
+        "scenario" in data or "spill" in data
+    ):
         raise UserError(f"{place.name}: is a case of drift run; a tracking case has [target] and [tracker]")
     try:
         return study(TrackingTable.model_validate(data), place.stem, text, place.parent)
@@ -377,12 +384,15 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
             )
     strange = sorted(set(table.experiment.published) - {method.name for method in table.method})
     wrong.lines += [f'experiment.published: no method "{name}"' for name in strange]
-    if (target is None) == (table.detections is None):
-        wrong.lines.append(
-            "[target] and detections are both given; give one"
-            if target is not None
-            else '[target] is missing: give it, or detections = "file.csv"'
-        )
+    given = [
+        name
+        for name, one in (("[target]", target), ("detections", table.detections), ("[[detection]]", table.detection))
+        if one
+    ]
+    if not given:
+        wrong.lines.append('[target] is missing: give it, or detections = "file.csv", or [[detection]]')
+    elif len(given) > 1:
+        wrong.lines.append(f"{' and '.join(given)} are both given; give one")
     sensors = tuple(sensor.sensor(1.2 if target is None else target.sweep) for sensor in table.sensor)
     own: path.Path | None = None
     followed: Scene | Detections | None = None
@@ -392,6 +402,9 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
                 target.way(table.duration), None if target.radiates is None else target.radiates.plan(), target.sweep,
                 None if target.behaviour is None else target.behaviour.behaviour(),
             )  # fmt: skip
+    elif table.detection:
+        with wrong.gathered():
+            followed, own = detections.told(table.detection, start, table.duration, sensors)
     elif table.detections is not None:
         with wrong.gathered():
             followed, own = detections.read(table.detections, folder, start, table.duration, sensors)

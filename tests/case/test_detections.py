@@ -78,6 +78,66 @@ def test_spreadsheets_write_tables_in_many_ways(tmp_path: File, delimiter: str, 
     np.testing.assert_array_equal(one.tracker.place, two.tracker.place)
 
 
+TABLES = """
+[[detection]]
+time = "2026-03-05T00:01Z"
+sensor = "radar"
+bearing = 41.5
+range = "9.2 nmi"
+lat = "14 00.0N"
+lon = "077 00.0W"
+[[detection]]
+time = "+10 min"
+sensor = "ears"
+bearing = 350
+lat = "14 03.1N"
+lon = "076 58.0W"
+[[detection]]
+time = "+0.5 h"
+lat = 14.1
+lon = -76.93
+[[detection]]
+time = "2026-03-05T00:40:30Z"
+sensor = "radar"
+range = 7000
+lat = 14.15
+lon = -76.9
+"""
+
+
+def test_detections_in_the_case_are_those_of_a_file(tmp_path: File) -> None:
+    one = load(tmp_path)
+    two = load(tmp_path, CASE.replace('detections = "d.csv"\n', "") + TABLES)
+    for name in ("time", "sensor", "bearing", "range"):
+        np.testing.assert_allclose(getattr(one.target, name), getattr(two.target, name), rtol=1e-12)
+    np.testing.assert_allclose(one.tracker.place, two.tracker.place, rtol=1e-12)
+    assert tracking.is_one(tmp_path / "c.toml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"+10 min"', '"+30 s"', "detection 2: time 2026-03-05T00:00:30Z is before that of the one above"),
+        ('"ears"', '"nose"', 'detection 2: no [[sensor]] "nose"; there are radar, ears'),
+        ('"9.2 nmi"', "-9.2", "detection 1.range: range -9.2 must be above 0"),
+        ('"9.2 nmi"', "9.2e4", "detection 1: range 49.676 nmi is beyond the reach of radar, 18 nmi"),
+        ("bearing = 350", "course = 350", 'detection 2: unknown key "course"'),
+        ('lat = "14 00.0N"\nlon = "077 00.0W"\n', "", "detection: nobody says where the tracker was at the first"),
+    ],
+)  # fmt: skip
+def test_mistakes_of_detections_in_the_case_are_lines(tmp_path: File, old: str, new: str, words: str) -> None:
+    tables = TABLES.replace(old, new)
+    assert tables != TABLES
+    with pytest.raises(UserError) as refusal:
+        load(tmp_path, CASE.replace('detections = "d.csv"\n', "") + tables)
+    assert any(words in line for line in refusal.value.lines), refusal.value.lines
+
+
+def test_detections_are_given_once(tmp_path: File) -> None:
+    with pytest.raises(UserError, match=r"detections and \[\[detection\]\] are both given; give one"):
+        load(tmp_path, CASE + TABLES)
+
+
 def test_a_tracker_stays_where_its_legs_end(tmp_path: File) -> None:
     legs = 'legs = [{ course = 90, speed = "12 kn", lasting = "10 min" }]\n'
     asked = load(tmp_path, CASE + STANDS + legs, PLAIN)
@@ -106,19 +166,19 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
 @pytest.mark.parametrize(
     ("case", "rows", "words"),
     [
-        (CASE + STANDS, PLAIN.replace("+9", "+0.5"), "line 3: time +0.5 min is before that of the line above; put them in order"),
+        (CASE + STANDS, PLAIN.replace("+9", "+0.5"), "line 3: time 2026-03-05T00:00:30Z is before that of the one above; put them in order"),
         (CASE, PLAIN, "tracker: nobody says where it is; give at with legs, track (a GPX file), or lat and lon"),
         (CASE + STANDS, PLAIN.replace("43,9.6", "43,9.6,1"), "line 3: as many values as names are needed"),
         (CASE + STANDS, PLAIN.replace("radar,43", "sonar,43"), 'line 3: no [[sensor]] "sonar"; there are radar, ears'),
         (CASE + STANDS, PLAIN.replace("9.6", "25"), "line 3: range 25 nmi is beyond the reach of radar, 18 nmi"),
         (CASE + STANDS, PLAIN.replace("43,", "430,"), "line 3: bearing: "),
-        (CASE + STANDS, PLAIN.replace("9.6", "-9.6"), "line 3: range: range -9.6 must be above 0"),
-        (CASE + STANDS, PLAIN.replace("9.6", "0"), "line 3: range: range 0.0 must be above 0"),
+        (CASE + STANDS, PLAIN.replace("9.6", "-9.6"), "line 3: range: range -9.6 nmi must be above 0"),
+        (CASE + STANDS, PLAIN.replace("9.6", "0"), "line 3: range: range 0.0 nmi must be above 0"),
         (CASE + STANDS, PLAIN.replace("radar,43", ",43"), "line 3: a bearing or a range, and no sensor; there are radar, ears"),
         (CASE + STANDS, PLAIN.replace("43,9.6", ","), "line 3: neither a bearing nor a range: a line with a sensor is a detection"),
         (CASE, ROWS + "+50 min, radar, 12, 8, ,\n", "nobody says where the tracker was at the detection of 050050ZMAR26"),
-        (CASE, ROWS + "2026-03-05T00:40:30Z, , , , 14.16, -76.9\n", "line 6: the tracker is at two places at 2026-03-05T00:40:30Z"),
-        (CASE + STANDS, PLAIN.replace("+9", "+99"), "line 3: time +99 min is not within the case, 050000ZMAR26 to 050100ZMAR26: change start or duration"),
+        (CASE, ROWS + "2026-03-05T00:40:30Z, , , , 14.16, -76.9\n", "line 6: the tracker is at two places at 2026-03-05T00:40:30Z; the other stands above"),
+        (CASE + STANDS, PLAIN.replace("+9", "+99"), "line 3: time 2026-03-05T01:39:00Z is not within the case, 2026-03-05T00:00:00Z to 2026-03-05T01:00:00Z: change start or duration"),
         (CASE + STANDS, PLAIN.replace("bearing", "course"), "unknown column course; allowed are time, sensor, bearing, range, lat, lon"),
         (CASE + STANDS, PLAIN.replace("time,sensor", "when,sensor"), "no column time"),
         (CASE + STANDS, "time,sensor,bearing,range\n", "no detection; a track begins with one"),
@@ -133,7 +193,7 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
         (CASE + STANDS, ROWS, "the file of detections says where it was (lat, lon); leave at"),
         (CASE.replace('detections = "d.csv"', 'detections = "e.csv"') + STANDS, PLAIN, "detections: "),
         (CASE + STANDS + '[target]\nat = "14N 077W"\n', PLAIN, "[target] and detections are both given; give one"),
-        (CASE.replace('detections = "d.csv"', "") + STANDS, PLAIN, "[target] is missing: give it, or detections"),
+        (CASE.replace('detections = "d.csv"', "") + STANDS, PLAIN, '[target] is missing: give it, or detections = "file.csv", or [[detection]]'),
         (CASE.replace("[[sensor]]", 'show = ["2 h"]\n[[sensor]]', 1) + STANDS, PLAIN, "show: 120 min is longer than the case, 60 min"),
         (CASE + '[tracker]\nlegs = [{ course = 1, speed = "1 kn" }]\n', PLAIN, "tracker: at: is missing; legs begin there"),
     ],

@@ -6,7 +6,7 @@ import pytest
 from places import ROOT
 from pydantic import BaseModel
 
-from drift.case import tracker, tracking
+from drift.case import detections, tracker, tracking
 
 (TEXT,) = re.findall(
     r"^## Every key\n(.*?)(?=^## )",
@@ -16,6 +16,7 @@ from drift.case import tracker, tracking
 HEADINGS: dict[str, type[BaseModel]] = {
     "A tracking case": tracking.TrackingTable,
     "`[target]`": tracking.TargetTable,
+    "`[[detection]]`": detections.DetectionTable,
     "`[tracker]`": tracker.TrackerTable,
     "`[[sensor]]`": tracking.SensorTable,
     "`[[method]]`": tracking.MethodTable,
@@ -52,5 +53,5 @@ def test_defaults_are_those_that_hold(heading: str) -> None:
         elif isinstance(field.default, int | float):
             value, _, unit = said.partition(" ")
             assert float(value) * SECONDS.get(unit, 1) == field.default, key
-        elif isinstance(field.default, str):
+        elif isinstance(field.default, str) and field.default:
             assert said == f'"{field.default}"', key

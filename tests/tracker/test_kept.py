@@ -13,7 +13,7 @@ from drift.tracker import following, path, sweeps
 from drift.tracker.following import Clouds, World
 from drift.tracker.records import Behaviour, Filling, Plan, Sensor, Tracker
 from geo import sphere
-from kernels.clouds import SILENT
+from kernels.clouds import DETECTED, SILENT
 from kernels.follower import ACTING, HIDING
 
 EARTH = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
@@ -120,6 +120,27 @@ def test_a_run_is_the_same_in_any_batch_and_among_any_number(monkeypatch: pytest
     np.testing.assert_array_equal(whole.place, batches.place)
     np.testing.assert_array_equal(whole.place[:, :3], fewer.place)
     assert len(np.unique(whole.place[0, :, 1, 0])) == 7
+
+
+@pytest.mark.parametrize(
+    ("left", "silent", "after"),
+    [(16, True, 16), (15, True, 32), (2, True, 32), (1, True, 0), (16, False, 16), (15, False, 32), (2, False, 32)],
+)
+def test_clouds_are_filled_below_their_thresholds_and_at_them_are_not(left: int, silent: bool, after: int) -> None:
+    """Of 32 particles that stay where they are, with thresholds of 16 and of 2: by a circle about the place of one that holds so many."""
+    box = one_box(60.0, 2.0, 9.0, 50.0, 0.0, HERE)
+    law = Tracker("x", Behaviour(1e-6), Filling("course", 0.5, 0.0625))
+    scene = World(STILL, box)
+    place = Clouds([scene], [law], 32, 7).go().particles(0, 0, 0.0).place
+    apart = np.sort(path.arc(place, place[:1])) * sphere.RADIUS / NMI
+    inside = 32 - left if silent else left
+    reach = (apart[inside - 1] + apart[inside]) / 2
+    look = one_box(0.0, 0.0, reach, 180.0, 5.0, place[0], SILENT if silent else DETECTED)
+    scene = World(STILL, sweeps.ordered([box, look, sweeps.marks(np.array([10.0]), STILL)]))
+    found = Clouds([scene], [law], 32, 7).go()
+    assert len(found.particles(0, 0, 10.0).weight) == after
+    if after == 32:  # copies of those that were left, none drawn anew
+        assert len(np.unique(found.particles(0, 0, 10.0).place.round(9), axis=0)) <= left
 
 
 def test_whether_areas_are_asked_for_changes_no_bit() -> None:
