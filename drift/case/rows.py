@@ -12,8 +12,9 @@ LARGEST = 10_000_000  # [bytes]
 
 
 class Rows:
-    """The lines of a table: their numbers, and their values by column, stripped; those without any value are left out.
+    """The lines of a table: their numbers, and their values by column, stripped.
 
+    Lines without any value and those that begin with # are left out, and columns without name and values at the end.
     Columns are in lower case. Where no comma parts them one between digits is a decimal one.
     """
 
@@ -23,12 +24,14 @@ class Rows:
         words: columns that hold no numbers.
         """
         self.name = Path(path).name
-        text = _text(path)
-        lines = text.splitlines()
-        header = next((line for line in lines if line.strip()), "")
+        lines = _text(path).splitlines()
+        header = next((line for line in lines if line.strip() and not line.lower().startswith(("#", "sep="))), "")
         delimiter = max(",;\t", key=header.count)
         self._reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
-        self.columns = [name.strip().lower() for name in next((row for row in self._reader if any(row)), [])]
+        names = next((row for row in self._rows() if not row[0].lower().startswith("sep=")), [])
+        while names and not names[-1]:
+            names.pop()
+        self.columns = [name.lower() for name in names]
         self._words = None if delimiter == "," else {*words}
         missing = [name for name in needed if name not in self.columns]
         strange = [name for name in self.columns if name not in allowed]
@@ -44,20 +47,24 @@ class Rows:
 
     def __iter__(self) -> Iterator[tuple[int, dict[str, str] | None]]:
         """Give the number and the values of each line; None in place of values that are not as many as the columns."""
-        for row in self._reader:
-            values = [value.strip() for value in row]
-            if not any(values):
-                continue
-            if len(values) != len(self.columns):
+        for values in self._rows():
+            if len(values) < len(self.columns) or any(values[len(self.columns) :]):
                 yield self._reader.line_num, None
                 continue
-            given = dict(zip(self.columns, values, strict=True))
+            given = dict(zip(self.columns, values, strict=False))
             if self._words is not None:
                 given = {
                     key: value if key in self._words else re.sub(r"(?<=\d),(?=\d)", ".", value)
                     for key, value in given.items()
                 }
             yield self._reader.line_num, given
+
+    def _rows(self) -> Iterator[list[str]]:
+        """Give the values of each line that has any and is no comment."""
+        for row in self._reader:
+            values = [value.strip() for value in row]
+            if any(values) and not values[0].startswith("#"):
+                yield values
 
     @property
     def wanted(self) -> str:

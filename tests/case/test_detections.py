@@ -65,11 +65,12 @@ def test_detections_are_read_in_their_units(tmp_path: File) -> None:
     [(";", ",", "utf-8-sig"), ("\t", ",", "utf-16"), ("\t", ".", "utf-16-be"), (",", ".", "utf-8")],
 )
 def test_spreadsheets_write_tables_in_many_ways(tmp_path: File, delimiter: str, point: str, coding: str) -> None:
-    """Semicolons or tabs and decimal commas, "Unicode text", a line without values at the end, names in capitals: the same detections."""
+    """Semicolons or tabs and decimal commas, "Unicode text", lines and columns without values, names in capitals, a line for Excel, a comment."""
     one = load(tmp_path)
     cells = [[cell.strip().replace(".", point) for cell in line.split(",")] for line in ROWS.splitlines()]
     cells[0] = [name.upper() for name in cells[0]]
-    text = "\r\n".join(delimiter.join(row) for row in [*cells, [""] * 6]) + "\r\n"
+    rows = [f"sep={delimiter}", "# our log", *(delimiter.join([*row, "", ""]) for row in [*cells, [""] * 6])]
+    text = "\r\n".join(rows) + "\r\n"
     mark = b"\xfe\xff" if coding == "utf-16-be" else b""
     (tmp_path / "d.csv").write_bytes(mark + text.encode(coding))
     two = tracking.load(tmp_path / "c.toml")
