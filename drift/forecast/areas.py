@@ -272,23 +272,54 @@ def contours(area: Area) -> list[shapely.MultiPolygon]:
     return [_fitted(_lattice(area.cells), height, threshold, wanted) for threshold, wanted in each]
 
 
-def contour(lattice: Lattice, height: Array, threshold: float) -> tuple[float, shapely.MultiPolygon]:
-    """Return the size [m2] and the outline [deg] of where cells are denser than a threshold, the logarithm of a density [1/m2].
+def contour(lattice: Lattice, field: Array, threshold: float) -> tuple[float, shapely.MultiPolygon]:
+    """Return the size [m2] and the outline [deg] of where a field (nlat, nlon), least along its edge, is above a threshold.
 
-    The line runs where the logarithm of density, linear between cell centres, is at the threshold.
+    It is linear in the four triangles between four centres, with their mean in the middle.
     """
-    rings = _rings(_lines(lattice, height, threshold), threshold, lattice.degrees)
+    lines = contourpy.contour_generator(
+        lattice.x, lattice.y, field, name="serial", fill_type=contourpy.FillType.OuterOffset, quad_as_tri=True
+    )
+    rings = _rings(lines, threshold, lattice.degrees)
     return sum(map(_area, itertools.chain.from_iterable(rings))), _polygons(rings)
 
 
-def _fitted(lattice: Lattice, height: Array, threshold: float, wanted: float) -> shapely.MultiPolygon:
-    """Return such an outline that encloses a size [m2] to 0.5 %, by which it is moved where cells are coarse.
+def interpolated(lattice: Lattice, field: Array, x: Array, y: Array) -> Array:
+    """Return the values of such a field at points (n,) within its centres."""
+    across, up = (x - lattice.x[0]) / lattice.step[0], (y - lattice.y[0]) / lattice.step[1]
+    i, j = (np.clip(v.astype(int), 0, many - 2) for v, many in ((across, len(lattice.x)), (up, len(lattice.y))))
+    u, v = across - i - 0.5, up - j - 0.5
+    west, south, both = field[j + 1, i], field[j, i + 1], field[j + 1, i + 1]
+    corner = field[j, i]
+    middle = (corner + west + south + both) / 4
+    flat = np.abs(u) >= np.abs(v)
+    one = np.where(flat, np.where(u > 0, south, corner), np.where(v > 0, west, corner))
+    two = np.where(flat, np.where(u > 0, both, west), np.where(v > 0, both, south))
+    off, along = np.where(flat, np.abs(u), np.abs(v)), np.where(flat, v, u)
+    return np.asarray(middle + ((one + two) / 2 - middle) * 2 * off + (two - one) * along)
 
+
+def _fitted(lattice: Lattice, height: Array, threshold: float, wanted: float) -> shapely.MultiPolygon:
+    """Return the outline [deg] of the cells that are denser than a threshold.
+
+    threshold: the logarithm of a density [1/m2]; wanted: size [m2] of these cells.
+
+    The line runs where the logarithm of density, linear between cell centres, is at the threshold. Where cells are
+    coarse it is moved until it encloses the wanted size to 0.5 %. A pad of empty cells closes it at the edge.
     Along a shore the outline, a cell or two wide, keeps nearer to the shoreline than the cells do, and holds more than
     they: with 20,000 particles stranded on a wavy shore the outlines of the 50, 75 and 95 % areas held 58, 76 and 98 %,
     with 60 % of them stranded 54, 75 and 95 %.
     """
-    lines = _lines(lattice, height, threshold)
+    near = height > np.exp(threshold - 3)  # the line runs no farther out than the neighbours of these
+    rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
+    south, west = max(rows[0] - 1, 0), max(columns[0] - 1, 0)
+    height = height[south : rows[-1] + 2, west : columns[-1] + 2]
+    # Empty cells and those far below the threshold count as e^-4 of it: so the line stays near the cells that matter.
+    field = np.pad(np.log(np.maximum(height, np.exp(threshold - 4))), 1, constant_values=threshold - 4)
+    x, y = lattice.x[west : columns[-1] + 2], lattice.y[south : rows[-1] + 2]
+    x, y = (np.concatenate([[v[0] - d], v, [v[-1] + d]]) for v, d in zip((x, y), lattice.step, strict=True))
+    generator: Callable[..., contourpy.ContourGenerator] = contourpy.contour_generator
+    lines = generator(x, y, field, fill_type=contourpy.FillType.OuterOffset)
     low, high = threshold - 3.0, threshold + 3.0
     rings: list[list[Array]] = []
     for step in range(12):
@@ -299,20 +330,6 @@ def _fitted(lattice: Lattice, height: Array, threshold: float, wanted: float) ->
         low, high = (threshold, high) if ratio > 1 else (low, threshold)
         threshold = (low + high) / 2 if step else float(np.clip(threshold + np.log(max(ratio, 0.1)), low, high))
     return _polygons(rings)
-
-
-def _lines(lattice: Lattice, height: Array, threshold: float) -> contourpy.ContourGenerator:
-    """Return what traces lines at, or near, a threshold. A pad of empty cells closes them at the edge."""
-    near = height > np.exp(threshold - 3)  # the line runs no farther out than the neighbours of these
-    rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
-    south, west = max(rows[0] - 1, 0), max(columns[0] - 1, 0)
-    height = height[south : rows[-1] + 2, west : columns[-1] + 2]
-    # Empty cells and those far below the threshold count as e^-4 of it: so the line stays near the cells that matter.
-    field = np.pad(np.log(np.maximum(height, np.exp(threshold - 4))), 1, constant_values=threshold - 4)
-    x, y = lattice.x[west : columns[-1] + 2], lattice.y[south : rows[-1] + 2]
-    x, y = (np.concatenate([[v[0] - d], v, [v[-1] + d]]) for v, d in zip((x, y), lattice.step, strict=True))
-    generator: Callable[..., contourpy.ContourGenerator] = contourpy.contour_generator
-    return generator(x, y, field, fill_type=contourpy.FillType.OuterOffset)
 
 
 def _rings(lines: contourpy.ContourGenerator, threshold: float, degrees: Callable[[Array], Array]) -> list[list[Array]]:

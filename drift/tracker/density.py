@@ -20,6 +20,7 @@ from geo.array import Array
 FINE = 4  # cells in the width of a window
 MOST = 1000  # cells along an axis
 ALONE = 0.5  # of its own window that a particle counts where no other is
+FLOOR = 4.0  # below the least density at a particle, as a logarithm: so much the field falls to beside the cloud
 AT_ONCE = 20_000  # particles, for memory
 BEYOND = 4.0  # widths of a window beyond the outermost particles
 SAME = 0.01  # [m] within which particles are at one place
@@ -68,7 +69,8 @@ class Surface:
 
     grid: Grid
     height: Array  # [1/m2] (ny, nx); 0 on land
-    at_particles: Array  # [1/m2] (m,), by the others; 0 on land
+    field: Array  # its logarithm, as it is drawn: no less than `floor`, which it is all round (ny + 2, nx + 2)
+    at_particles: Array  # [1/m2] (m,), by the others
     weight: Array  # of the particles (m,), of sum 1
 
 
@@ -97,10 +99,20 @@ def surface(place: Array, weight: Array, dry: Callable[[Array, Array], Array] | 
     x, y = (np.searchsorted(edges, own) - 1 for edges, own in zip((grid.x, grid.y), along, strict=True))
     if not wet[y, x].any():
         wet[:] = True
-    there, cell = height[y, x], (grid.x[1] - grid.x[0]) * (grid.y[1] - grid.y[0])
+    floor = float(np.log(height[y, x].min()) - FLOOR)
+    field = np.pad(np.log(np.maximum(np.where(wet, height, 0.0), np.exp(floor))), 1, constant_values=floor)
+    there = np.exp(outlines.interpolated(_lattice(grid), field, *along))
+    cell = (grid.x[1] - grid.x[0]) * (grid.y[1] - grid.y[0])
     own_window = weight / (2 * np.pi * width.prod()) * cell / area[y, x]
-    others = np.maximum(there - own_window, ALONE * there)
-    return Surface(grid, np.where(wet, height, 0.0), np.where(wet[y, x], others, 0.0), weight)
+    others = np.maximum((there - own_window) / np.maximum(1 - weight, ALONE), ALONE * there)
+    others = np.maximum(others, np.exp(floor + FLOOR / 2))  # no line reaches the middles ashore
+    return Surface(grid, np.where(wet, height, 0.0), field, others, weight)
+
+
+def _lattice(grid: Grid) -> outlines.Lattice:
+    """Return the middles of the cells, and of those all round them."""
+    x, y = (np.concatenate([[v[0] - d], v, [v[-1] + d]]) for v in grid.middles() for d in [v[1] - v[0]])
+    return outlines.Lattice(x, y, (float(x[1] - x[0]), float(y[1] - y[0])), grid.degrees)
 
 
 def _windows(points: Array, weight: Array) -> tuple[Array, Array]:
@@ -152,14 +164,13 @@ def areas(found: Surface, shares: Sequence[float]) -> dict[float, Region]:
     Hyndman 1996, Computing and graphing highest density regions, by the density that all others have at a particle: what
     the windows add round about, or fill up, makes no area hold another share.
     """
-    x, y = found.grid.middles()
-    lattice = outlines.Lattice(x, y, (float(x[1] - x[0]), float(y[1] - y[0])), found.grid.degrees)
+    lattice = _lattice(found.grid)
     order = np.argsort(-found.at_particles, kind="stable")
-    held, afloat = np.cumsum(found.weight[order]), np.count_nonzero(found.at_particles)
+    held = np.cumsum(found.weight[order])
     told = {}
     for share in shares:
-        least = found.at_particles[order[min(np.searchsorted(held, share), afloat - 1)]]
-        told[share] = Region(*outlines.contour(lattice, found.height, float(np.log(least))))
+        least = found.at_particles[order[np.searchsorted(held, share)]]
+        told[share] = Region(*outlines.contour(lattice, found.field, float(np.log(least))))
     return told
 
 

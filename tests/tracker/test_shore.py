@@ -203,6 +203,8 @@ def test_areas_leave_the_land_out() -> None:
     np.testing.assert_array_equal(without.height[~dry], with_land.height[~dry])
     mass = with_land.height * with_land.grid.areas()
     assert 0.05 < mass[dry].sum() < 0.5
+    for region in density.areas(without, (0.5, 0.9)).values():
+        assert not shapely.contains_xy(region.outline, lon[dry], lat[dry]).any()
     lon, lat = path.degrees(other.place)
     for share, region in density.areas(without, (0.5, 0.9)).items():
         held = shapely.contains_xy(region.outline, lon, lat).mean()
