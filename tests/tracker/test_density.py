@@ -199,6 +199,35 @@ def test_what_lies_even_on_the_earth_is_as_dense_far_off() -> None:
         assert surface.height[some].mean() / exact == pytest.approx(1, rel=0.01)
 
 
+def test_many_particles_are_taken_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    place = cloud(12.0, -34.2, (7000.0, 3000.0), 0.9, 1001, 3)
+    whole = density.surface(place, np.ones(1001))
+    monkeypatch.setattr(density, "AT_ONCE", 100)
+    np.testing.assert_allclose(density.surface(place, np.ones(1001)).height, whole.height, rtol=1e-10, atol=1e-30)
+
+
+@pytest.mark.parametrize("lon", [12.0, *np.arange(179.2, 179.25, 0.01), 179.95])
+def test_a_ring_has_a_hole_where_longitudes_jump_too(lon: float) -> None:
+    """By the spherical excess of its rings, in longitude and sine of latitude (Lambert), with every vertex on one turn."""
+    east, north = ring(np.random.default_rng(3), 2500)
+    place = path.vector(*sphere.destination(np.radians(lon), np.radians(-61.0), east, north))
+    region = density.areas(density.surface(place, np.ones(2500)), (0.99,))[0.99]
+    assert not within(region, path.vector(np.radians([lon]), np.radians([-61.0]))).any()
+    flat = shapely.transform(
+        region.outline, lambda v: np.stack([np.radians(v[:, 0]), np.sin(np.radians(v[:, 1]))], axis=1)
+    )
+    assert flat.area * sphere.RADIUS**2 == pytest.approx(region.area, rel=1e-6)
+    assert len(shapely.get_rings(shapely.get_parts(region.outline))) >= 2
+
+
+def test_a_cloud_that_is_all_ashore_has_the_areas_it_would_have_at_sea() -> None:
+    place = cloud(12.0, -34.2, (7000.0, 3000.0), 0.9, 500, 3)
+    sea = density.areas(density.surface(place, np.ones(500)), (0.5, 0.9))
+    land = density.areas(density.surface(place, np.ones(500), lambda lon, lat: np.ones(lon.shape, bool)), (0.5, 0.9))
+    assert [region.area for region in land.values()] == [region.area for region in sea.values()]
+    assert all(region.area > 1e6 for region in sea.values())
+
+
 def test_what_cells_ashore_cost_is_made_up_for() -> None:
     """Where three of ten particles are in cells whose middles are on land, the area of 50 % still holds half of all; that of 90 % all water.
     Outlines run between the middles of cells at sea and ashore.
