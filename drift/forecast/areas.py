@@ -350,9 +350,18 @@ def _area(ring: Array) -> float:
     return float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1])) / 2 * sphere.RADIUS**2
 
 
+def _polygon(outer: Array, holes: Sequence[Array]) -> shapely.Polygon:
+    """Return the polygon of an outer ring and its holes, which may touch it along the seam of a pole."""
+    whole = shapely.Polygon(outer, holes)
+    if not holes or whole.is_valid:
+        return whole
+    rest = shapely.Polygon(outer).difference(shapely.union_all([shapely.make_valid(shapely.Polygon(h)) for h in holes]))
+    return rest if isinstance(rest, shapely.Polygon) else whole
+
+
 def _polygons(rings: list[list[Array]]) -> shapely.MultiPolygon:
     """Return valid polygons of rings."""
-    whole = shapely.make_valid(shapely.MultiPolygon([shapely.Polygon(outer, holes) for outer, *holes in rings]))
+    whole = shapely.make_valid(shapely.MultiPolygon([_polygon(outer, holes) for outer, *holes in rings]))
     parts = [p for p in shapely.get_parts(whole) if p.geom_type in ("Polygon", "MultiPolygon") and p.area > 0]
     union = shapely.union_all(parts) if parts else shapely.MultiPolygon()
     return union if isinstance(union, shapely.MultiPolygon) else shapely.MultiPolygon([union])

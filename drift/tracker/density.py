@@ -54,13 +54,25 @@ class Grid:
         return np.asarray(shrunk * (self.x[1] - self.x[0]) * (self.y[1] - self.y[0]))
 
     def degrees(self, ring: Array) -> Array:
-        """Return a ring [m] (n, 2) of the plane in degrees, unwrapped; one round a pole is closed along it."""
+        """Return a ring [m] (n, 2) of the plane in degrees, unwrapped; one round a pole is cut opposite the cloud, and closed along it."""
         lon, lat = (np.degrees(v) for v in self.places(ring[:, 0], ring[:, 1]))
         lon = np.unwrap(np.append(np.degrees(self.lon), lon), period=360.0)[1:]
         if abs(lon[-1] - lon[0]) > 180.0:
-            pole = np.copysign(90.0, self.lat)
-            lon, lat = np.append(lon, [lon[-1], lon[0], lon[0]]), np.append(lat, [pole, pole, lat[0]])
+            lon, lat = self._cut(lon, lat)
         return np.stack([lon, lat], axis=1)
+
+    def _cut(self, lon: Array, lat: Array) -> tuple[Array, Array]:
+        """Return a ring [deg] round a pole as one that begins and ends there, so that rings within one another are of the same turn."""
+        turn, west = np.copysign(360.0, lon[-1] - lon[0]), np.degrees(self.lon) - 180.0
+        side = np.floor((lon - west) / 360.0)
+        k = int(np.flatnonzero(np.diff(side))[0])
+        seam = west + 360.0 * max(side[k], side[k + 1])
+        there = lat[k] + (lat[k + 1] - lat[k]) * (seam - lon[k]) / (lon[k + 1] - lon[k])
+        lon, lat = np.append(lon[k + 1 : -1], lon[: k + 1] + turn), np.append(lat[k + 1 : -1], lat[: k + 1])
+        begin, pole = west if turn > 0 else west + 360.0, np.copysign(90.0, self.lat)
+        ends = np.array([begin, begin + turn])
+        lon = np.concatenate([ends[:1], lon + (begin - seam), ends[1:], ends[::-1], ends[:1]])
+        return lon, np.concatenate([[there], lat, [there, pole, pole, there]])
 
 
 @dataclass(frozen=True)
@@ -154,6 +166,7 @@ def _distinct(points: Array, weight: Array) -> tuple[Array, Array]:
 
     The width of the windows goes by how many there are.
     """
+    points, weight = points[:, weight > 0], weight[weight > 0]
     _, first, which = np.unique(np.round(points / SAME), axis=1, return_index=True, return_inverse=True)
     return points[:, first], np.bincount(which.ravel(), weights=weight)
 
