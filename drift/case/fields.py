@@ -6,7 +6,7 @@ where.
 
 import difflib
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, get_args, get_origin
 
 from pydantic import (
     BaseModel,
@@ -50,10 +50,11 @@ class Table(BaseModel):
         wrong = [
             f'"{old}" is the old name of "{new}", and both are given; give {new} alone' for old, new in twice.items()
         ]
-        wrong += [
-            f'unknown key "{key}"; {f"""did you mean "{near[0]}"? """ if near else ""}Allowed: {", ".join(known)}'
-            for key, near in unknown.items()
-        ]
+        places = {key: _tables_with(cls, key) for key in unknown}
+        unknown = {key: [] if places[key] else near for key, near in unknown.items()}
+        hints = {key: f'did you mean "{near[0]}"? ' if near else "" for key, near in unknown.items()}
+        hints |= {key: f"it is a key of {' and '.join(tables)}. " for key, tables in places.items() if tables}
+        wrong += [f'unknown key "{key}"; {hint}Allowed: {", ".join(known)}' for key, hint in hints.items()]
         meant = {near[0] for near in unknown.values() if near}
         other: list[InitErrorDetails] = []
         try:
@@ -65,6 +66,24 @@ class Table(BaseModel):
                 if mistake["loc"] and not (mistake["type"] == "missing" and mistake["loc"][0] in meant)
             ]
         raise ValidationError.from_exception_data(cls.__name__, [*map(complaint, wrong), *other])
+
+
+def _tables_with(table: type[Table], key: str) -> list[str]:
+    """Return the tables in a table that have a key, as they are written."""
+    found = []
+    for name, field in table.model_fields.items():
+        kinds = _kinds(field.annotation)
+        several = any(get_origin(kind) is list for kind in (field.annotation, *get_args(field.annotation)))
+        if any(key in [inner.alias or own for own, inner in kind.model_fields.items()] for kind in kinds):
+            found.append(f"[[{field.alias or name}]]" if several else f"[{field.alias or name}]")
+    return found
+
+
+def _kinds(annotation: Any) -> list[type[Table]]:
+    """Return the tables that an annotation speaks of."""
+    if isinstance(annotation, type) and issubclass(annotation, Table):
+        return [annotation]
+    return [kind for inner in get_args(annotation) for kind in _kinds(inner)]
 
 
 def complaint(message: str) -> InitErrorDetails:

@@ -119,7 +119,7 @@ class SensorTable(fields.Table):
     hears: bool = False
     """It detects a target's radar while that is on; its silence tells nothing."""
     grace: Elapsed = 300.0
-    """Of `detections`: its silence counts no nearer to a detection of its own, for not every plot is written down."""
+    """Of `detections`: its silence counts no nearer to a detection, by any sensor, of what is within its reach, for not every plot is written down."""
 
     @model_validator(mode="after")
     def proper(self) -> "SensorTable":

@@ -36,25 +36,27 @@ def track(given: argparse.Namespace) -> Answer:
             changes["seed"] = str(given.seed)
         out = given.out or Path(f"{Path(given.case).stem}-track")
         from drift.cli import progress
-        from drift.regain import command, text
+        from drift.regain import command, files, text
     with progress.progress(quiet=given.quiet or given.json) as tell:
         found = command.track(
             given.case, out, changes=changes, backend=given.backend, threads=given.threads, overwrite=given.overwrite,
             tell=tell,
         )  # fmt: skip
     lines = (f"Map in {out / 'track.png'}, all results in {out}",)
-    return Answer(found.held.study.title, text.facts(found), lines, {"track": text.numbers(found)}, out)
+    return Answer(found.held.study.title, text.facts(found), lines, {"track": files.numbers(found)}, out)
 
 
 def checked(given: argparse.Namespace) -> Answer:
     """Validate a tracking case."""
     from drift.case import tracking
+    from drift.regain import chase
     from drift.tracker import said
 
     changes = take.changed(given.changes)
     if given.seed is not None:
         changes["seed"] = str(given.seed)
     study = tracking.load(given.case, changes)
+    chase.check(study, chase.land())
     return Answer(f"{study.title}: ready to run", said.facts(study), numbers={"ready": True})
 
 

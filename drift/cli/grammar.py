@@ -105,7 +105,7 @@ def parser() -> Parser:
     _add_output(cases, quiet=False)
 
     new = commands.add_parser("new", help="write a commented case to begin with")
-    new.add_argument("story", metavar="STORY", help="position, passage, spill or search")
+    new.add_argument("story", metavar="STORY", help="position, passage, spill, search or contact")
     new.add_argument("file", type=Path, nargs="?", metavar="FILE", help="a new file (default: STORY.toml)")
     _add_output(new)
 

@@ -36,7 +36,10 @@ def new(given: argparse.Namespace) -> Answer:
 
     path = given.file or Path(f"{given.story}.toml")
     template.write(given.story, path)
-    return Answer(lines=(f"{path}: {template.STORIES[given.story]}. Next: drift check {path}",), numbers={"file": path})
+    return Answer(
+        lines=(f"{path}: {(template.STORIES | template.TRACKED)[given.story]}. Next: drift check {path}",),
+        numbers={"file": path},
+    )
 
 
 def objects(given: argparse.Namespace) -> Answer:

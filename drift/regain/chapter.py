@@ -7,8 +7,8 @@ from typing import Any
 
 from drift.maps.imprint import Imprint
 from drift.output.chapter import Chapter, Contents, Stamped, bound
-from drift.regain import text
-from drift.regain.record import Regained
+from drift.regain import files
+from drift.regain.record import Chased, Regained
 
 
 @dataclass(frozen=True)
@@ -27,19 +27,19 @@ def _map(matter: Matter, path: Path) -> None:
 
 
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
-    "track.csv": lambda matter, stamped: text.table(matter.found),
-    "track.gpx": lambda matter, stamped: text.gpx(matter.found, stamped["run_id"]),
-    "track_areas.geojson": lambda matter, stamped: text.areas(matter.found, stamped),
+    "track.csv": lambda matter, stamped: files.table(matter.found),
+    "track.gpx": lambda matter, stamped: files.gpx(matter.found, stamped["run_id"]),
+    "track_areas.geojson": lambda matter, stamped: files.areas(matter.found, stamped),
 }
-PATHS: dict[str, Callable[[Matter, Stamped], Contents]] = {  # where a case asks for a pursuit
-    "path.csv": lambda matter, stamped: text.path_table(matter.found),
-    "path.gpx": lambda matter, stamped: text.path_gpx(matter.found, stamped["run_id"]),
+PATHS: dict[str, Callable[[Matter, Stamped], Contents]] = {  # where there is a path
+    "path.csv": lambda matter, stamped: files.path_table(matter.found),
+    "path.gpx": lambda matter, stamped: files.path_gpx(matter.found, stamped["run_id"]),
 }
 PICTURES: dict[str, Callable[[Matter, Path], None]] = {"track.png": _map}
 
 
 def chapter(matter: Matter, attributes: dict[str, str]) -> Chapter:
     """Return the chapter of a contact that was lost."""
-    numbers = {"track": text.numbers(matter.found)}
-    files = {**FILES, **(PATHS if matter.found.chased is not None else {})}
-    return Chapter(numbers, bound(files, matter), bound(PICTURES, matter), facts=attributes)
+    numbers = {"track": files.numbers(matter.found)}
+    written = {**FILES, **(PATHS if isinstance(matter.found.chased, Chased) else {})}
+    return Chapter(numbers, bound(written, matter), bound(PICTURES, matter), facts=attributes)

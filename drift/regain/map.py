@@ -1,5 +1,6 @@
 """The picture of a contact that was lost: what was detected, its track, and its cloud with areas at the times shown."""
 
+import textwrap
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -52,8 +53,10 @@ def draw(found: Regained, path: Path, imprint: Imprint, land: Callable[[Box], It
     chart.graticule(axes, frame)
     key = [*_tracker(axes, frame, found), *_detections(axes, frame, found), *_clouds(axes, frame, found)]
     key += _estimate(axes, frame, found)
-    if found.chased is not None:
+    if isinstance(found.chased, Chased):
         key += _chase(axes, frame, found, found.chased)
+    elif found.chased is not None:
+        key.append((axes.plot([], [])[0], textwrap.fill(f"no path: {found.chased.why}", 46)))
     chart.scale_bar(axes, frame, chart.free_corner(frame, *_dots(frame, found)))
     _times(on, axes, frame, found)
     _densities(on, found)
@@ -68,10 +71,10 @@ def draw(found: Regained, path: Path, imprint: Imprint, land: Callable[[Box], It
 def _places(found: Regained) -> tuple[Array, Array]:
     """Return all positions [deg] that the chart has to show; of clouds the areas, for few particles may be far beyond them."""
     held = found.held
-    parts = [held.place[np.isfinite(held.place[:, 0])], _own(found)[0], _plots(found)]
-    if found.chased is not None:
+    parts = [held.place[np.isfinite(held.within)], _own(found)[0], _plots(found)]
+    if isinstance(found.chased, Chased):
         parts.append(found.chased.found.path.place)
-    outlines = [region.outline for _, regions in found.areas for region in regions.values()]
+    outlines = [region.outline for one in held.shown for region in held.areas[held.row(one.time)].values()]
     lon, lat = np.hstack([paths.degrees(np.concatenate(parts)), *(shapely.get_coordinates(one).T for one in outlines)])
     return sphere.near_degrees(lon, lon[0]), lat
 
@@ -150,8 +153,9 @@ def _clouds(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
     """Draw the cloud at each time shown, later ones warmer, with the outlines of its areas."""
     symbols: list[tuple[Any, str]] = []
     colours = _colours(found)
-    for (time, cloud), (_, regions), colour in zip(found.held.clouds, found.areas, colours, strict=True):
-        when = notation.group(text.moment(found, time))
+    held = found.held
+    for one, colour in zip(held.shown, colours, strict=True):
+        when, cloud, regions = notation.group(text.moment(found, one.time)), one.cloud, held.areas[held.row(one.time)]
         if cloud is None:
             symbols.append((axes.plot([], [])[0], f"{when}: no track is held"))
             continue
@@ -171,7 +175,7 @@ def _clouds(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
                 )  # fmt: skip
         (sign,) = axes.plot([], [], "o", color=colour, markersize=7)
         symbols.append((sign, f"{when}: area of\n{text.sizes(regions)}"))
-    if any(regions for _, regions in found.areas):
+    if any(one.cloud is not None for one in held.shown):
         for share, width in LINES.items():
             symbols.append((axes.plot([], [], color=GREY, linewidth=width)[0], f"area of {notation.percent(share)} %"))
     return symbols
@@ -179,7 +183,7 @@ def _clouds(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
 
 def _colours(found: Regained) -> Any:
     """Return a colour for each time shown."""
-    return matplotlib.colormaps["viridis_r"](np.linspace(0.12, 0.95, len(found.held.clouds)))
+    return matplotlib.colormaps["viridis_r"](np.linspace(0.0, 1.0, len(found.held.shown)))
 
 
 def _densities(on: sheet.Page, found: Regained) -> None:
@@ -191,8 +195,8 @@ def _densities(on: sheet.Page, found: Regained) -> None:
     )
     for number, (title, at, width, period, ticks) in enumerate(panels):
         axes: Axes = on.figure.add_axes((KEY + 0.01, MAP[1] + 0.02 + 0.165 * (1 - number), 0.245, 0.11))
-        for (_, cloud), colour in zip(found.held.clouds, _colours(found), strict=True):
-            if cloud is not None:
+        for one, colour in zip(found.held.shown, _colours(found), strict=True):
+            if (cloud := one.cloud) is not None:
                 course = np.degrees(paths.course(cloud.place, cloud.velocity))
                 speed = np.linalg.norm(cloud.velocity, axis=1) * sphere.RADIUS / KNOT
                 values = speed if period is None else course
@@ -209,22 +213,30 @@ def _densities(on: sheet.Page, found: Regained) -> None:
 
 
 def _estimate(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
+    """Draw the estimates that lie in their areas; one at a time of its own is a dot."""
     held = found.held
-    (line,) = axes.plot(*_project(frame, held.place), color=RED, linewidth=1.6, zorder=8)
-    shown = [int(np.flatnonzero(held.time == time)[-1]) for time, cloud in held.clouds if cloud is not None]
-    (spot,) = axes.plot(*_project(frame, held.place[shown]), "o", color=RED, markersize=5, zorder=9)
-    return [((line, spot), "estimated track, and where it is at those times")]
+    good = np.isfinite(held.within)
+    x, y = (np.where(good, v, np.nan) for v in _project(frame, held.place))
+    (line,) = axes.plot(x, y, color=RED, linewidth=1.6, zorder=8)
+    alone = good & ~np.append(good[1:], False) & ~np.append(False, good[:-1])
+    axes.plot(x[alone], y[alone], ".", color=RED, markersize=4, zorder=8)
+    shown = [k for one in held.shown if good[k := held.row(one.time)]]
+    (spot,) = axes.plot(x[shown], y[shown], "o", color=RED, markersize=5, zorder=9)
+    symbols: list[tuple[Any, str]] = [((line, spot), "estimated track, and where it is at those times")]
+    if (held.count > 0)[~good].any():
+        symbols.append((axes.plot([], [])[0], "left out where the mean lies outside its areas"))
+    return symbols
 
 
 def _times(on: sheet.Page, axes: Axes, frame: Frame, found: Regained) -> None:
     """Write the time of day beside the estimates shown."""
     held = found.held
     points: list[labels.Point] = []
-    for time, cloud in held.clouds:
-        if cloud is not None:
-            k = int(np.flatnonzero(held.time == time)[-1])
+    for one in held.shown:
+        k = held.row(one.time)
+        if np.isfinite(held.within[k]):
             x, y = _project(frame, held.place[k : k + 1])
-            when = notation.day_time(text.moment(found, time))
+            when = notation.day_time(text.moment(found, one.time))
             points.append((float(x[0]), float(y[0]), when, {"fontsize": 8, "color": RED}))
     labels.place(axes, on.canvas, points, (), set(range(len(points))))
 
@@ -234,9 +246,16 @@ def _chase(axes: Axes, frame: Frame, found: Regained, chased: Chased) -> list[tu
     chase = found.held.study.pursuit
     assert chase is not None
     x, y = _project(frame, chased.found.path.place)
+    looks = int(np.isin(chased.found.path.time, chase.times).sum())
     (line,) = axes.plot(x, y, color=PATH, linewidth=2.2, zorder=10)
-    (looks,) = axes.plot(x, y, "o", color=PATH, markerfacecolor="white", markersize=5, zorder=11)
+    (spots,) = axes.plot(x[:looks], y[:looks], "o", color=PATH, markerfacecolor="white", markersize=5, zorder=11)
     anew = list(chased.found.plans)
     (plans,) = axes.plot(x[anew], y[anew], "o", color=PATH, markersize=5.5, zorder=12)
-    about = f"path to {chase.aim}, looks every {chase.interval / 60:g} min\nto {chase.reach / NMI:g} nmi"
-    return [((line, looks), about), (plans, "planned, or planned anew")]
+    about = f"path to {chase.aim} it, looks every {chase.interval / 60:g} min\nto {chase.reach / NMI:g} nmi"
+    symbols: list[tuple[Any, str]] = [((line, spots), about), (plans, "planned, or planned anew")]
+    if chase.to is not None:
+        (goal,) = axes.plot(
+            *frame.project(*np.degrees(np.array(chase.to))[:, None]), "*", color=PATH, markersize=13, zorder=13
+        )
+        symbols.append((goal, "its destination"))
+    return symbols

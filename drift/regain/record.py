@@ -1,9 +1,7 @@
 """What is known of a contact that was lost."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drift.tracker.density import Region
 from drift.tracker.holding import Held
 from drift.tracker.pursuit import Pursued
 from geo.array import Array
@@ -14,15 +12,19 @@ class Chased:
     """A path, and the share of another cloud, which its plans have not seen, that it meets by each of its looks."""
 
     found: Pursued
-    judged: Array
+    judged: Array  # NaN: the other cloud has lost the track
+
+
+@dataclass(frozen=True)
+class Failed:
+    """That there is no path."""
+
+    why: str
 
 
 @dataclass(frozen=True)
 class Regained:
-    """A track, the areas of its cloud at the times shown, and a path on which to meet or to avoid it."""
+    """A track with its areas, and a path on which to meet or to avoid it, if one was asked for."""
 
     held: Held
-    areas: tuple[
-        tuple[float, Mapping[float, Region]], ...
-    ]  # [s] and what holds each share; none where the track is lost
-    chased: Chased | None = None
+    chased: Chased | Failed | None = None

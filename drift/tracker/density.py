@@ -154,13 +154,6 @@ def _held(grid: Grid, own: Array, width: Array, weight: Array) -> Array:
     return held
 
 
-def effective(place: Array, weight: Array) -> float:
-    """Return the effective number of particles at unit vectors (n, 3) with weights (n,); those of one place are one."""
-    _, which = np.unique(np.round(place * sphere.RADIUS / SAME), axis=0, return_inverse=True)
-    share = np.bincount(which.ravel(), weights=weight)
-    return float(share.sum() ** 2 / (share**2).sum())
-
-
 def _distinct(points: Array, weight: Array) -> tuple[Array, Array]:
     """Return places (2, m) [m] and weights (m,) with those of one place together: duplicates that have not parted tell no more than one.
 
@@ -185,6 +178,13 @@ def areas(found: Surface, shares: Sequence[float]) -> dict[float, Region]:
         least = found.at_particles[order[np.searchsorted(held, share)]]
         told[share] = Region(*outlines.contour(lattice, found.field, float(np.log(least))))
     return told
+
+
+def holds(found: Region, place: Array) -> Array:
+    """Return whether unit vectors (n, 3) are within a region (n,)."""
+    lon, lat = path.degrees(place)
+    west, _, east, _ = found.outline.bounds
+    return np.asarray(shapely.contains_xy(found.outline, sphere.near_degrees(lon, (west + east) / 2), lat))
 
 
 def along(values: Array, weight: Array, width: float, at: Array, period: float | None = None) -> Array:

@@ -26,16 +26,35 @@ class Detections:
 def swept(sensors: tuple[Sensor, ...], found: Detections, tracker: Path, end: float) -> list[Sweeps]:
     """Return what each sensor's sweeps came to until an end [s].
 
-    A detection's box is the measured range less and more the sensor's share of it, at most its reach. Silence counts while
-    the sensor is on and the tracker's place is known, and no nearer than `grace` to a detection by the same sensor.
+    A detection's box is the measured range less and more the sensor's share of it, at most its reach. Silence counts as
+    `silences` says.
     """
     parts = []
-    for number, sensor in enumerate(sensors):
+    for number, (sensor, silent) in enumerate(zip(sensors, silences(sensors, found, tracker, end), strict=True)):
         mine = found.sensor == number
         parts.append(_detected(sensor, found.time[mine], found.bearing[mine], found.range[mine], tracker))
         if not sensor.hears:
-            parts.append(_silent(sensor, found.time[mine], tracker, end))
+            parts.append(_silent(sensor, silent, tracker))
     return parts
+
+
+def silences(sensors: tuple[Sensor, ...], found: Detections, tracker: Path, end: float) -> list[Array]:
+    """Return the times [s] of each sensor's sweeps that found nothing and tell something by it, until an end [s].
+
+    They do while the sensor is on, does not hear, and the tracker's place is known; and no nearer than `grace` to a detection
+    of what is within its reach, by whomever: of that the sensor should have said something, so that its log is not whole.
+    """
+    reach = np.array([sensor.reach for sensor in sensors])
+    farthest = np.where(np.isnan(found.range), reach[found.sensor], found.range)
+    times = []
+    for number, sensor in enumerate(sensors):
+        time = np.empty(0) if sensor.hears else sensor.on.sweeps(sensor.interval, end)
+        time = time[(time >= tracker.time[0]) & (time <= tracker.time[-1])]
+        within = (found.sensor == number) | (farthest <= sensor.reach)
+        known = np.concatenate([[-np.inf], found.time[within], [np.inf]])
+        after = np.searchsorted(known, time, side="right")
+        times.append(time[np.minimum(time - known[after - 1], known[after] - time) >= max(sensor.grace, 1e-6)])
+    return times
 
 
 def _detected(sensor: Sensor, time: Array, bearing: Array, measured: Array, tracker: Path) -> Sweeps:
@@ -50,12 +69,7 @@ def _detected(sensor: Sensor, time: Array, bearing: Array, measured: Array, trac
     )  # fmt: skip
 
 
-def _silent(sensor: Sensor, detected: Array, tracker: Path, end: float) -> Sweeps:
-    time = sensor.on.sweeps(sensor.interval, end)
-    time = time[(time >= tracker.time[0]) & (time <= tracker.time[-1])]
-    known = np.concatenate([[-np.inf], detected, [np.inf]])
-    after = np.searchsorted(known, time, side="right")
-    time = time[np.minimum(time - known[after - 1], known[after] - time) >= max(sensor.grace, 1e-6)]
+def _silent(sensor: Sensor, time: Array, tracker: Path) -> Sweeps:
     zero, n = np.zeros(len(time)), len(time)
     return Sweeps(
         time, tracker.at(time)[0], zero, zero + np.pi, zero, zero + sensor.reach / sphere.RADIUS,
@@ -64,9 +78,8 @@ def _silent(sensor: Sensor, detected: Array, tracker: Path, end: float) -> Sweep
 
 
 def ordered(sensors: tuple[Sensor, ...], found: Detections, tracker: Path, moments: Array, end: float) -> Sweeps:
-    """Return all sweeps in order of time, with marks at times [s] (n,) and every detection told."""
-    marks = sweeps.marks(moments, tracker)
-    return sweeps.ordered([*swept(sensors, found, tracker, end), marks], every_detection=True)
+    """Return all sweeps in order of time, with marks at times [s] (n,), after what is swept at them."""
+    return sweeps.ordered([*swept(sensors, found, tracker, end), sweeps.marks(moments, tracker)])
 
 
 def needed(sensors: tuple[Sensor, ...], found: Detections, tracker: Path) -> tuple[Array, Array]:

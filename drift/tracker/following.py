@@ -163,9 +163,16 @@ class Clouds:
 
     def particles(self, way: int, world: int, time: float) -> Particles:
         """Return the particles of a cloud at a time [s] that is not before its last sweep and before any acts."""
-        k = way * self.shape[1] + world
-        some = slice(k * self.size, k * self.size + int(self._tracks["track_count"].to_numpy()[k]))
+        return self.clouds(time)[way * self.shape[1] + world]
+
+    def clouds(self, time: float) -> list[Particles]:
+        """Return the same of all clouds, worlds side by side in each way of following."""
         held = {name: column.to_numpy() for name, column in self._cloud.items()}
+        counts = self._tracks["track_count"].to_numpy()
+        return [self._particles(held, slice(k * self.size, k * self.size + n), time) for k, n in enumerate(counts)]
+
+    @staticmethod
+    def _particles(held: dict[str, Array], some: slice, time: float) -> Particles:
         place, onward = (held[name].reshape(-1, 3)[some] for name in ("own_place", "own_way"))
         rate = held["own_rate"][some, None]
         angle = rate * (time - held["own_since"][some, None])

@@ -1,15 +1,18 @@
-"""One track by detections: the estimate at every time, and the cloud at some."""
+"""One track by detections: the estimate and its areas at every time, and the cloud at some."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from drift.tracker import detections, path, study
+from drift.tracker import density, detections, path, study
+from drift.tracker.density import Region
 from drift.tracker.detections import Detections
 from drift.tracker.following import Clouds, Particles, World
 from drift.tracker.path import Path
 from drift.tracker.pursuit import Forecast
+from drift.tracker.records import Sensor
+from drift.tracker.shore import Shoreline
 from drift.tracker.study import Study
 from drift.tracker.sweeps import Sweeps
 from geo import sphere
@@ -18,25 +21,59 @@ from kernels.coast import DeviceCoast
 
 SOON = 1e-6  # [s] so that a sweep as a pursuit begins counts
 SAME = 1.0  # [m] within which a pursuit begins where the tracker is
+SHARES = (0.5, 0.9)  # of the probability, of the areas told
+OTHERS = 9  # clouds beside the one that is told, of other random numbers
+
+
+@dataclass(frozen=True)
+class Loss:
+    """When a track was lost, and to whose sweeps that found nothing; to none's where a detection was all on land."""
+
+    time: float  # [s]
+    sensors: tuple[Sensor, ...]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """The cloud at a time that is shown, and what OTHERS of other random numbers make of the same detections."""
+
+    time: float  # [s]
+    cloud: Particles | None  # None: no track is held
+    sizes: Mapping[float, tuple[float, float]]  # [m2] least and largest area of all clouds, by share
+    holding: int  # of the others that hold a track
 
 
 @dataclass(frozen=True)
 class Held:
-    """A track; columns (n,), at detections and at the case's times, NaN while none is held."""
+    """A track; columns (n,), at the times of detections, of figures and those shown, NaN while none is held."""
 
     study: Study
     sweeps: Sweeps
-    time: Array  # [s]
+    time: Array  # [s] ascending
     detected: Array  # whether there was a detection
     place: Array  # unit vectors (n, 3)
     course: Array  # [rad] of the mean velocity
     speed: Array  # [m/s] mean of the particles' speeds
     count: Array  # particles
-    clouds: tuple[tuple[float, Particles | None], ...]  # at the times shown [s]; None: no track is held
-    lost: tuple[float, ...]  # [s] when the track was lost
+    areas: tuple[Mapping[float, Region], ...]  # that hold each of SHARES; none while no track is held
+    shown: tuple[Shown, ...]
+    lost: tuple[Loss, ...]
+
+    def row(self, time: float) -> int:
+        """Return the row of a time [s]."""
+        return int(np.searchsorted(self.time, time))
+
+    @property
+    def within(self) -> Array:
+        """Return the share of the smallest area that the estimate lies in (n,); NaN: in none, as the mean of a ring does."""
+        found = np.full(len(self.time), np.nan)
+        for k, regions in enumerate(self.areas):
+            around = [share for share, region in regions.items() if density.holds(region, self.place[k : k + 1])[0]]
+            found[k] = min(around, default=np.nan)
+        return found
 
 
-def hold(asked: Study, shore: DeviceCoast | None = None, tell: Callable[[float], None] = lambda share: None) -> Held:
+def hold(asked: Study, shore: Shoreline | None = None, tell: Callable[[float], None] = lambda share: None) -> Held:
     """Return the track by a case's detections, in its first way of following.
 
     shore: on whose land no particle is, None: anywhere; tell: takes the share that is done.
@@ -44,21 +81,48 @@ def hold(asked: Study, shore: DeviceCoast | None = None, tell: Callable[[float],
     found = asked.target
     assert isinstance(found, Detections)
     shown = asked.shown or _shown(asked, found)
-    moments = np.unique(np.concatenate([[0.0], study.marks(asked), [asked.end], shown]))
-    told = detections.ordered(asked.sensors, found, asked.tracker, moments, _silent_until(asked))
-    held = Clouds([World(asked.tracker, told)], asked.methods[:1], asked.size, asked.seed, shore=shore)
-    clouds = []
-    for number, time in enumerate(shown, 1):
-        particles = held.go(time).particles(0, 0, time)
-        clouds.append((time, particles if len(particles.weight) else None))
-        tell(number / len(shown))
+    moments = np.unique(np.concatenate([[0.0], study.marks(asked), [asked.end], shown, found.time]))
+    until = _silent_until(asked)
+    told = detections.ordered(asked.sensors, found, asked.tracker, moments, until)
+    worlds = [World(asked.tracker, told)] * (1 + OTHERS)
+    coast, dry = (None, None) if shore is None else (shore.device, shore.dry)
+    held = Clouds(worlds, asked.methods[:1], asked.size, asked.seed, shore=coast)
+    areas, clouds = [], []
+    for number, time in enumerate(moments, 1):
+        own, *others = held.go(time).clouds(time)
+        areas.append(_areas(own, dry))
+        if time in shown:
+            found_by = [some for cloud in others if (some := _areas(cloud, dry))]
+            clouds.append(Shown(float(time), own if areas[-1] else None, _sizes([areas[-1], *found_by]), len(found_by)))
+        tell(number / len(moments))
     fields = held.go().fields[0, 0]
-    kept = told.row >= 0
-    lost = np.unique(fields[:, 9])
     return Held(
-        asked, told, told.time[kept], ~told.marked[kept], fields[:, :3], np.arctan2(fields[:, 3], fields[:, 4]),
-        fields[:, 5] * sphere.RADIUS, fields[:, 6], tuple(clouds), tuple(lost[np.isfinite(lost)].tolist()),
+        asked, told, moments, np.isin(moments, found.time), fields[:, :3], np.arctan2(fields[:, 3], fields[:, 4]),
+        fields[:, 5] * sphere.RADIUS, fields[:, 6], tuple(areas), tuple(clouds), _losses(asked, found, fields[:, 9], until),
     )  # fmt: skip
+
+
+def _areas(cloud: Particles, dry: Callable[[Array, Array], Array] | None) -> Mapping[float, Region]:
+    """Return the areas that hold each of SHARES; none of a cloud without particles."""
+    if not len(cloud.weight):
+        return {}
+    return density.areas(density.surface(cloud.place, cloud.weight, dry), SHARES)
+
+
+def _sizes(found: list[Mapping[float, Region]]) -> dict[float, tuple[float, float]]:
+    """Return the least and the largest area [m2] by share."""
+    each = {share: [regions[share].area for regions in found if regions] for share in SHARES}
+    return {share: (min(sizes), max(sizes)) for share, sizes in each.items() if sizes}
+
+
+def _losses(asked: Study, found: Detections, time: Array, until: float) -> tuple[Loss, ...]:
+    """Return when a track was lost; time: when it was lost last, at each row [s]; until: when silence counts [s]."""
+    silent = detections.silences(asked.sensors, found, asked.tracker, until)
+    told = []
+    for lost in np.unique(time[np.isfinite(time)]):
+        who = tuple(sensor for sensor, times in zip(asked.sensors, silent, strict=True) if lost in times)
+        told.append(Loss(float(lost), who))
+    return tuple(told)
 
 
 def onward(asked: Study, seed: int, shore: DeviceCoast | None = None) -> Forecast:

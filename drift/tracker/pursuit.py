@@ -15,8 +15,9 @@ from scipy.spatial import cKDTree
 
 from drift.tracker import astar, path
 from drift.tracker.path import Path
-from geo import sphere
+from geo import notation, sphere
 from geo.array import Array
+from geo.notation import KNOT, NMI
 
 STRIDE = 4  # cells that the vessel makes in a step: over several it goes any way at 88 % of its speed or more
 MOST = 5_000_000  # cells and steps together
@@ -115,7 +116,7 @@ def pursue(asked: Pursuit, forecast: Forecast, closed: Closed | None = None) -> 
     forecast: where the same particles, in the same order, would be at `asked.times` if the tracker went a path: it is asked
     again with each plan, for particles may seek or flee. closed: where the vessel cannot be; a cell with any of it is
     closed, but that of begin and destination. Raises ValueError with one line for
-    what cannot be done.
+    what cannot be done (`check`), where no particle is left, and where there is no way to the destination.
     """
     check(asked)
     cells = grid(asked)
@@ -124,24 +125,13 @@ def pursue(asked: Pursuit, forecast: Forecast, closed: Closed | None = None) -> 
     here = (cells.half, cells.half)
     goal = None if asked.to is None else cells.cell(*asked.to)
     if closed is not None:
-        ends = (
-            {"the vessel begins": asked.start}
-            if asked.to is None
-            else {"the vessel begins": asked.start, "the destination is": asked.to}
-        )
-        for what, (lon, lat) in ends.items():
-            if closed(np.degrees([lon]), np.degrees([lat]), 0.0)[0]:
-                raise ValueError(f"{what} on land")
-    if asked.to is not None and goal is None:
-        raise ValueError("the destination is out of reach in the time given")
-    if closed is not None:
         shut = closed(*path.degrees(centres), cells.size / 2)
         for cell in (here, goal):  # harbours are near land
             if cell is not None:
                 shut[cell] = False
     places, weight = forecast(path.standing(*asked.start, asked.begin, asked.times[-1]))
     if not weight.sum() > 0:
-        raise ValueError("no particle is left: there is nothing to meet or to avoid")
+        raise ValueError("no track is held when it begins")
     left, trigger = weight / weight.sum(), Trigger(asked.threshold)
     plan, plans, met = [here], [], []
     for step in range(asked.steps + 1):
@@ -186,10 +176,12 @@ def _path(asked: Pursuit, centres: Array, way: list[astar.Cell], goal: astar.Cel
 
 
 def judged(asked: Pursuit, found: Path, forecast: Forecast) -> Array:
-    """Return the share of another cloud that a path meets by each of its looks: one the plan has not seen."""
+    """Return the share of another cloud that a path meets by each of its looks, one the plan has not seen; NaN: it has lost the track."""
     places, weight = forecast(found)
-    left, met = weight / weight.sum(), []
     looks = found.place[np.isin(found.time, asked.times)]
+    if not weight.sum() > 0:
+        return np.full(len(looks), np.nan)
+    left, met = weight / weight.sum(), []
     for there, place in zip(places, looks, strict=False):
         left = np.where(path.arc(there, place) * sphere.RADIUS <= asked.reach, 0.0, left)
         met.append(1 - left.sum())
@@ -207,6 +199,14 @@ def check(asked: Pursuit) -> None:
         raise ValueError(f"threshold {asked.threshold:g} must be 0 to 1")
     if (asked.aim == "avoid") != (asked.to is not None):
         raise ValueError("a path that avoids goes to a place; one that meets goes to none")
+    if asked.to is not None:
+        away = float(path.arc(path.vector(*asked.start), path.vector(*asked.to))) * sphere.RADIUS
+        lasting = asked.interval * asked.steps
+        if away > asked.speed * lasting:
+            raise ValueError(
+                f"the destination is out of reach: {away / NMI:.1f} nmi from where it begins, which is {notation.lasting(60 * np.ceil(away / asked.speed / 60))} "
+                f"at {asked.speed / KNOT:.3g} kn, and its {asked.steps} steps last {notation.lasting(lasting)}"
+            )
     many = (2 * STRIDE * asked.steps + 1) ** 2 * asked.steps
     if many > MOST:
         raise ValueError(

@@ -54,7 +54,9 @@ class Sensor:
     interval: float  # [s] between its sweeps; of one that hears, between the emissions it hears
     on: Plan = Plan()
     hears: bool = False  # it detects a target while that radiates, and its silence tells nothing
-    grace: float = 300.0  # [s] of detections as they were written down: nearer to one of them silence tells nothing
+    grace: float = (
+        300.0  # [s] of detections as they were written down: nearer to one within its reach silence tells nothing
+    )
 
 
 @dataclass(frozen=True)

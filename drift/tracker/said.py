@@ -6,6 +6,7 @@ import numpy as np
 
 from drift.tracker import path
 from drift.tracker.detections import Detections
+from drift.tracker.pursuit import Pursuit
 from drift.tracker.records import Behaviour, Plan, Sensor, Tracker
 from drift.tracker.study import Scene, Study
 from geo import notation, sphere
@@ -26,14 +27,19 @@ def facts(study: Study) -> dict[str, str]:
         told["detections"] = _detections(study, study.target)
     told["land"] = "particles turn at the shore (GSHHG)" if study.minds_land else "particles pass over it"
     told["tracker"] = _way(study.tracker.place, study.tracker.rate)
-    told |= {f'sensor "{sensor.name}"': _sensor(sensor) for sensor in study.sensors}
+    written = isinstance(study.target, Detections)
+    told |= {f'sensor "{sensor.name}"': _sensor(sensor, written) for sensor in study.sensors}
     told |= {f'way of following "{method.name}"': _method(method) for method in study.methods}
     if (chase := study.pursuit) is not None:
         told["pursuit"] = (
-            f"to {chase.aim} it, from {notation.position(*np.degrees(chase.start))} at {_moment(study, chase.begin)}, "
+            f"to {chase.aim} it, from {notation.position(*np.degrees(chase.start))} at {_moment(study, chase.begin)}{_goal(chase)}, "
             f"{chase.steps} looks every {notation.lasting(chase.interval)}, {chase.speed / KNOT:g} kn, within {chase.reach / NMI:g} nmi"
         )
     return told
+
+
+def _goal(chase: Pursuit) -> str:
+    return "" if chase.to is None else f" to {notation.position(*np.degrees(chase.to))}"
 
 
 def _moment(study: Study, seconds: float) -> str:
@@ -63,14 +69,19 @@ def _detections(study: Study, found: Detections) -> str:
     return f"{len(found.time)}, {_moment(study, found.time[0])} to {_moment(study, found.time[-1])}: {each}"
 
 
-def _sensor(sensor: Sensor) -> str:
+def _sensor(sensor: Sensor, written: bool) -> str:
+    """Return what a sensor is; written: whether its detections were written down."""
     bearing = (
         "any bearing" if sensor.bearing_error >= math.pi else f"bearing +- {math.degrees(sensor.bearing_error):g} deg"
     )
     words = f"to {sensor.reach / NMI:g} nmi, range +- {100 * sensor.range_share:g} %, {bearing}"
     if sensor.hears:
         return f"{words}; hears what radiates, its silence tells nothing"
-    return f"{words}; sweeps every {sensor.interval:g} s, {_on(sensor.on)}"
+    words = f"{words}; sweeps every {sensor.interval:g} s, {_on(sensor.on)}"
+    silent = written and sensor.on.begin < math.inf
+    return words + (
+        f"; its silence counts from {notation.lasting(sensor.grace)} off a plot within its reach" if silent else ""
+    )
 
 
 def _on(plan: Plan) -> str:

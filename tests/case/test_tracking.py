@@ -50,6 +50,8 @@ def test_a_good_case_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
+        ('duration = "1 h"', 'duration = "1 h"\ngrace = "5 min"', 'unknown key "grace"; it is a key of [[sensor]]. Allowed: title, start,'),
+        ('duration = "1 h"', 'duration = "1 h"\nwindow = 3', 'unknown key "window"; it is a key of [experiment]. Allowed: title,'),
         ("range_ambiguity = 0.3", "range_ambiguity = 1.2", "range_ambiguity: 1.2 must be a share of the range, 0 (exact) to 1"),
         ("bearing_ambiguity = 1.5", "bearing_ambiguity = 200", "must be above 0 and at most 180 degrees"),
         ("change = 0.5", "change = 0.7\nseek = 0.2\nhide = 0.2", "change 0.7, seek 0.2 and hide 0.2 are 1.1 together; at most 1"),

@@ -26,6 +26,35 @@ def test_a_template_is_accepted_as_it_is_and_runs(
     assert drift.results(f"{story}-forecast")
 
 
+def test_a_template_of_a_contact_is_tracked_and_its_path_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As it is, and with all that is commented out of whole tables."""
+    monkeypatch.chdir(tmp_path)
+    (story,) = template.TRACKED
+    assert cli.main(["new", story]) == 0
+    assert capsys.readouterr().out.endswith(f"Next: drift check {story}.toml\n")
+    given = Path(f"{story}.toml")
+    assert cli.main(["check", str(given)]) == 0
+    assert "ready to run" in capsys.readouterr().out
+    assert cli.main(["track", str(given), "--set", "particles=800"]) == 0
+    assert "lost" not in capsys.readouterr().out.replace(drift.track(given).held.study.title, "")
+    assert sorted(path.name for path in Path("contact-track").iterdir()) == [
+        "manifest.json", "summary.json", "track.csv", "track.gpx", "track.png", "track_areas.geojson",
+    ]  # fmt: skip
+    whole = re.sub(
+        r"^# (?=\[|name = |reach = |range_|bearing_|sweep = |begin = |speed = |step = )",
+        "",
+        given.read_text(),
+        flags=re.MULTILINE,
+    )
+    assert whole.count("# [") == 0
+    given.write_text(whole)
+    assert cli.main(["track", str(given), "--set", "particles=800", "--out", "two"]) == 0
+    assert "path             by 2" in capsys.readouterr().out
+    assert Path("two/path.gpx").exists()
+
+
 @pytest.mark.parametrize("story", template.STORIES)
 def test_tables_that_are_commented_out_are_accepted_too(story: str, tmp_path: Path) -> None:
     """Those of whole tables, from a "# [[" on: what a planner uncomments must not be the first mistake."""

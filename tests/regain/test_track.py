@@ -16,7 +16,8 @@ from pyproj import Geod
 import drift
 from drift.case import tracking
 from drift.cli import commands
-from drift.regain import text
+from drift.regain import files, text
+from drift.regain.record import Chased
 from drift.tracker import holding, path
 from geo import notation, sphere
 from geo.box import Box
@@ -47,10 +48,16 @@ def test_a_track_is_written(tmp_path: Path) -> None:
     assert len(points) == len(rows) - 1
     assert points[-1].findtext("g:time", namespaces=SPACE) == "2026-03-05T04:15:00Z" == last["time"]
     areas = json.loads((tmp_path / "out" / "track_areas.geojson").read_text(encoding="utf-8"))["features"]
-    assert len(areas) == 2 * len(found.held.clouds)
-    for k, (_, cloud) in enumerate(found.held.clouds):
+    assert len(areas) == 2 * len(found.held.shown)
+    for k, cloud in enumerate(one.cloud for one in found.held.shown):
         half, most = (shapely.geometry.shape(areas[2 * k + j]["geometry"]) for j in range(2))
         assert areas[2 * k]["properties"]["probability"] == 0.5
+        own = next(row for row in rows if row["time"] == areas[2 * k]["properties"]["time"])
+        for j, share in enumerate(("50", "90")):
+            told = areas[2 * k + j]["properties"]
+            assert told["area_nmi2"] == float(own[f"area_{share}_nmi2"])
+            assert told["area_km2"] == pytest.approx(told["area_nmi2"] * 1.852**2, rel=1e-3)
+            assert told["name"] == f"{share} % area {notation.group(np.datetime64(own['time'][:-1]))}"
         assert most.area > half.area
         assert cloud is not None
         inside = cloud.weight[shapely.contains_xy(most, *path.degrees(cloud.place))].sum()
@@ -58,12 +65,12 @@ def test_a_track_is_written(tmp_path: Path) -> None:
     told = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["track"]
     assert told["lost"] == []
     assert [one["held"] for one in told["shown"]] == [True] * 5
-    for one, (time, cloud) in zip(told["shown"], found.held.clouds, strict=True):
+    for one, (time, cloud) in zip(told["shown"], ((each.time, each.cloud) for each in found.held.shown), strict=True):
         assert cloud is not None
         there = path.degrees(cloud.place)
         to = path.degrees(cloud.place + cloud.velocity)  # a second later
         course, _, made = EARTH.inv(*there, *to)
-        own = found.held.course[np.flatnonzero(found.held.time == time)[-1]]
+        own = found.held.course[found.held.row(time)]
         off = (course - np.degrees(own) + 180) % 360 - 180
         assert one["course_spread_deg"] == pytest.approx(np.sqrt((cloud.weight * off**2).sum()), abs=0.01)
         mean = (cloud.weight * made).sum()
@@ -77,7 +84,7 @@ def test_a_track_is_written(tmp_path: Path) -> None:
 
 def test_a_path_is_written(tmp_path: Path) -> None:
     found = drift.track("lost_contact", tmp_path / "out", changes=SMALL)
-    assert found.chased is not None
+    assert isinstance(found.chased, Chased)
     rows = list(csv.DictReader((tmp_path / "out" / "path.csv").read_text(encoding="utf-8").splitlines()))
     assert [row["time"] for row in rows] == [f"2026-03-05T0{3 + m // 60}:{m % 60:02d}:00Z" for m in range(15, 76, 10)]
     lon, lat = (np.array([float(row[key]) for row in rows]) for key in ("lon", "lat"))
@@ -88,7 +95,7 @@ def test_a_path_is_written(tmp_path: Path) -> None:
     fast = made > 1000
     off = (np.array([float(row["course_deg"] or 0) for row in rows[:-1]]) - azimuth + 180)[fast] % 360 - 180
     assert (np.abs(off) < 1.5).all()
-    met = [float(row["met_percent"]) for row in rows]
+    met = [float(row["within_reach_percent"]) for row in rows]
     assert met == sorted(met)
     assert 20 < met[-1] < 70
     assert rows[0]["planned"] == "yes"
@@ -103,7 +110,7 @@ def test_a_path_keeps_off_the_land_there_is(tmp_path: Path) -> None:
         "pursuit.step": "6 min",
     }  # fmt: skip
     found = drift.track("lost_contact", changes=moved)
-    assert found.chased is not None
+    assert isinstance(found.chased, Chased)
     way = found.chased.found.path
     lon, lat = path.degrees(way.at(np.linspace(way.time[0], way.time[-1], 4000))[0])
     land = shapely.union_all(shore.land("gshhg", Box(-77.5, 17.0, -75.5, 19.0)).polygons)
@@ -144,17 +151,65 @@ def test_what_flees_reacts_to_the_path_and_what_another_vessel_does_not_matter_t
         ({"pursuit.step": "90 min"}, "pursuit: it lasts less than a step"),
         ({"pursuit.step": "10 s"}, "360 steps make"),
         ({"pursuit.aim": "avoid"}, "a path that avoids goes to a place"),
-        ({"pursuit.aim": "avoid", "pursuit.to": "16 00N 076 00W"}, "the destination is out of reach in the time given"),
-        ({"pursuit.aim": "avoid", "pursuit.to": "20 00N 076 00W"}, "the destination is on land"),
-        ({"pursuit.at": "18 10N 077 00W"}, "pursuit: the vessel begins on land"),
+        (
+            {"pursuit.aim": "avoid", "pursuit.to": "16 00N 076 00W"},
+            "out of reach: 105.9 nmi from where it begins, which is 255 min at 25 kn, and its 6 steps last 60 min",
+        ),
+        (
+            {"pursuit.aim": "avoid", "pursuit.to": "18 10N 076 40W", "pursuit.speed": "250 kn"},
+            "pursuit: the destination is on land, at 18-10.0N 076-40.0W",
+        ),
+        ({"pursuit.at": "18 10N 077 00W"}, "pursuit: the vessel begins on land, at 18-10.0N 077-00.0W"),
         ({"pursuit.replan": "1.5"}, "pursuit.replan"),
     ],
 )
-def test_a_pursuit_that_cannot_be_is_one_line(tmp_path: Path, changes: dict[str, str], words: str) -> None:
+def test_a_pursuit_that_cannot_be_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], changes: dict[str, str], words: str
+) -> None:
     with pytest.raises(UserError) as refusal:
         drift.track("lost_contact", tmp_path / "out", changes={**SMALL, **changes})
     assert any(words in line for line in refusal.value.lines), refusal.value.lines
     assert not (tmp_path / "out").exists()
+    asked = ["check", "lost_contact", *(f"--set={key}={value}" for key, value in changes.items())]
+    assert commands.main(asked) == 2
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            {"sensor.1.on": "true", "sensor.1.reach": "60 nmi", "sensor.1.grace": "1 s"},
+            "no track is held when it begins",
+        ),
+        # Jamaica lies between: 61 nmi straight on, 150 round its west, and an hour for it at 65 kn.
+        (
+            {
+                "pursuit.aim": "avoid",
+                "pursuit.at": "17 30N 077 10W",
+                "pursuit.to": "18 31N 077 10W",
+                "pursuit.speed": "65 kn",
+                "pursuit.begin": "75 min",
+            },
+            "there is no way: what is closed lies between, or it is too far for the time",
+        ),
+    ],
+)
+def test_a_path_that_cannot_be_leaves_the_track(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], changes: dict[str, str], words: str
+) -> None:
+    asked = [
+        "track",
+        "lost_contact",
+        "--set=particles=600",
+        *(f"--set={key}={value}" for key, value in changes.items()),
+    ]
+    assert commands.main([*asked, "--out", str(tmp_path / "out")]) == 0
+    assert f"no path: {words}" in capsys.readouterr().out
+    names = {file.name for file in (tmp_path / "out").iterdir()}
+    assert names == {"manifest.json", "summary.json", "track.csv", "track.gpx", "track.png", "track_areas.geojson"}
+    told = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["track"]
+    assert told["path"] == {"found": False, "why": words}
 
 
 def test_the_command_writes_the_same_bits_with_one_thread_and_two(tmp_path: Path) -> None:
@@ -199,10 +254,16 @@ fastest = "32 kn"
     assert commands.main(["track", str(tmp_path / "c.toml"), "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out
     assert "no track is held" in said
-    assert "no particle is left" in said
+    assert (
+        "fewer than 10 % of the particles were left by what found nothing at 050206ZMAR26 by radar (within 18 nmi, grace 5 min)"
+        in said
+    )
     assert (tmp_path / "out" / "track.png").exists()
     found = drift.track(tmp_path / "c.toml")
-    assert text.numbers(found)["shown"][-1] == {"time": "2026-03-05T03:00:00Z", "held": False}
+    assert files.numbers(found)["shown"][-1] == {
+        "time": "2026-03-05T03:00:00Z", "held": False, "others_holding": 0,
+    }  # fmt: skip
+    assert files.numbers(found)["lost"] == [{"time": "2026-03-05T02:06:00Z", "sensors": ["radar"]}]
 
 
 def test_what_has_no_detections_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
@@ -212,6 +273,34 @@ def test_what_has_no_detections_is_refused_and_nothing_is_written(tmp_path: Path
         drift.experiment("lost_contact", tmp_path / "out")
     assert not (tmp_path / "out").exists()
     assert "lost_contact" in tracking.shipped()
+
+
+def test_a_mean_that_lies_in_no_area_is_no_place(tmp_path: Path) -> None:
+    """After a range alone the mean is on the tracker: track.csv says so, track.gpx leaves it out, and what is said calls it no one place."""
+    (tmp_path / "d.csv").write_text(
+        "time,sensor,bearing,range\n+2 min,radar,,8\n+12 min,radar,70,8\n", encoding="utf-8"
+    )
+    (tmp_path / "c.toml").write_text(DOUBTFUL, encoding="utf-8")
+    changes = {"particles": "1500", "show": "['5 min', '12 min']"}
+    found = drift.track(tmp_path / "c.toml", tmp_path / "out", changes=changes)
+    rows = list(csv.DictReader((tmp_path / "out" / "track.csv").read_text(encoding="utf-8").splitlines()))
+    within = {row["time"][11:16]: row["within_percent"] for row in rows}
+    assert list(within) == ["00:00", "00:02", "00:05", "00:10", "00:12", "00:15", "00:20", "00:25", "00:30"]
+    assert [within[minute] for minute in ("00:00", "00:02", "00:05", "00:10")] == ["", "none", "none", "none"]
+    assert {within[minute] for minute in ("00:12", "00:15", "00:20")} <= {"50", "90"}
+    root = ET.parse(tmp_path / "out" / "track.gpx").getroot()
+    points = [
+        point.findtext("g:time", namespaces=SPACE) or "" for point in root.findall("g:trk/g:trkseg/g:trkpt", SPACE)
+    ]
+    assert [point[11:16] for point in points] == [
+        minute for minute, share in within.items() if share not in {"", "none"}
+    ]
+    assert [point.findtext("g:name", namespaces=SPACE) for point in root.findall("g:wpt", SPACE)] == ["050012ZMAR26"]
+    told = text.facts(found)
+    assert "no one place (the mean, 13-59.9N 077-00.0W, lies outside the areas), any course" in told["050005ZMAR26"]
+    assert "no one place" not in told["050012ZMAR26"]
+    shown = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["track"]["shown"]
+    assert [one["within"] for one in shown] == [None, pytest.approx(0.5, abs=0.41)]
 
 
 DOUBTFUL = """
@@ -247,7 +336,7 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     told = text.facts(drift.track(tmp_path / "c.toml"))["warning"]
     speed = (16 - 2 * 8 * np.hypot(0.05, np.radians(1))) / 0.05
     assert f"the plot of 050005ZMAR26 needs {speed:,.0f} kn from the one before, fastest is 32 kn" in told
-    assert "few particles count, " in told
+    assert "areas go by chance, " in told
     assert 'followed by "first" alone, the first of 2 ways' in told
     (tmp_path / "d.csv").write_text(
         "time,sensor,bearing,range\n+2 min,radar,80,8\n+12 min,radar,70,8\n", encoding="utf-8"
@@ -263,7 +352,9 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     assert "radar was off when it detected something at 050003ZMAR26: check when it is on" in told
     assert "was off" not in text.facts(drift.track(tmp_path / "c.toml"))["warning"]  # its silence is not to count
     many = {"particles": "2000"}
-    assert "needs" not in text.facts(drift.track(tmp_path / "c.toml", changes=many))["warning"]
+    told = text.facts(drift.track(tmp_path / "c.toml", changes=many))["warning"]
+    assert "needs" not in told
+    assert "areas go by chance" not in told
 
 
 def test_a_path_does_not_change_the_track(tmp_path: Path) -> None:
@@ -277,6 +368,6 @@ def test_a_path_does_not_change_the_track(tmp_path: Path) -> None:
     for name, body in (("with", case.replace('begin = "75 min"\n', "")), ("without", case[: case.index("[pursuit]")])):
         (tmp_path / f"{name}.toml").write_text(body, encoding="utf-8")
         found.append(drift.track(tmp_path / f"{name}.toml", changes=SMALL))
-    assert found[0].chased is not None
+    assert isinstance(found[0].chased, Chased)
     assert found[1].chased is None
     np.testing.assert_array_equal(found[0].held.place, found[1].held.place)

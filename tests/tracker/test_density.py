@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 import shapely
+from pyproj import Geod
 from scipy import stats
 
 from drift.forecast import areas
 from drift.tracker import density, path
 from geo import sphere
+
+EARTH = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 
 TWICE = 2 * np.pi
 
@@ -300,7 +303,13 @@ def test_copies_make_no_area_smaller() -> None:
         assert copied[share].area == pytest.approx(once[share].area, rel=1e-6)
 
 
-def test_effective_particles_are_those_at_places_of_their_own() -> None:
-    place = path.vector(np.radians([179.99, -179.99, 12.0]), np.radians([-63.0, -63.1, 71.0]))
-    assert density.effective(np.repeat(place, 5, axis=0), np.ones(15)) == pytest.approx(3.0)
-    assert density.effective(place, np.array([3.0, 1.0, 0.0])) == pytest.approx(16 / 10)
+def test_what_is_within_a_region_is_so_across_180_degrees_and_round_a_pole() -> None:
+    """A cloud on either side of 180 degrees, with places by pyproj at 20 m and at 60 km from its middle; one round the pole."""
+    rng = np.random.default_rng(3)
+    for lon, lat in ((179.999, -16.3), (-179.99, 61.0), (40.0, 90.0)):
+        azimuth = rng.uniform(0, 360, 900)
+        to = EARTH.fwd(np.full(900, lon), np.full(900, lat), azimuth, 9000 * np.sqrt(rng.random(900)))
+        region = density.areas(density.surface(path.vector(*np.radians(to[:2])), np.ones(900)), (0.9,))[0.9]
+        for away, inside in ((20.0, True), (5000.0, True), (60_000.0, False)):
+            there = EARTH.fwd(np.full(60, lon), np.full(60, lat), np.arange(60) * 6.1, np.full(60, away))
+            assert (density.holds(region, path.vector(*np.radians(there[:2]))) == inside).all()

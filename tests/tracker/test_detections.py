@@ -3,11 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from pyproj import Geod
 
 from drift.case import tracking
-from drift.tracker import detections, holding, path
+from drift.tracker import density, detections, holding, path
 from drift.tracker.detections import Detections
+from drift.tracker.following import Clouds, World
 from drift.tracker.records import Plan, Sensor
 from geo import sphere
 from geo.notation import NMI
@@ -37,7 +39,7 @@ def test_a_detection_has_the_box_of_what_was_measured() -> None:
 
 
 def test_silence_counts_while_a_sensor_is_on_and_known_and_not_near_its_detections() -> None:
-    """On 0 to 10 and 30 to 40 min, every minute; known until 35 min; detected at 4 min 30 s and by another at 8 min."""
+    """On 0 to 10 and 30 to 40 min, every minute; known until 35 min; detected at 4 min 30 s, and heard, somewhere, at 8 min."""
     way = path.standing(LON, LAT, 0.0, 35 * 60.0)
     seen = found((270, 0, 33, 12), (480, 1, 20, NAN))
     parts = detections.swept((RADAR, EARS), seen, way, 3600.0)
@@ -45,6 +47,26 @@ def test_silence_counts_while_a_sensor_is_on_and_known_and_not_near_its_detectio
     (radar,) = silent
     np.testing.assert_allclose(radar.time / 60, [0, 1, 2, 7, 8, 9, 30, 31, 32, 33, 34, 35])  # from 2.5 min off
     np.testing.assert_allclose(radar.far * sphere.RADIUS, RADAR.reach)
+
+
+@pytest.mark.parametrize(("bearing", "far", "reach", "counts"), [
+    (33, 9, 12, False),  # eyes saw it within the radar's reach, so that the radar's log is not whole
+    (33, 11.9, 12, False),
+    (NAN, 9, 12, False),  # wherever the ring, it was within reach
+    (33, 12.1, 12, True),  # it was beyond: nothing to say
+    (33, NAN, 12, True),  # it was anywhere to 20 nmi: the radar's silence says that it was beyond
+    (33, NAN, 20, False),  # it was within reach, wherever on the bearing
+])  # fmt: skip
+def test_silence_does_not_count_near_what_another_sensor_detected_within_reach(
+    bearing: float, far: float, reach: float, counts: bool
+) -> None:
+    """The radar sweeps every minute of ten; eyes that reach 20 nmi detect something at 4 min 30 s; its grace is 2 min 30 s."""
+    way = path.standing(LON, LAT, 0.0, 3600.0)
+    radar = replace(RADAR, reach=reach * NMI)
+    eyes = Sensor("eyes", 20 * NMI, 0.3, np.radians(1.5), 12.0, Plan(np.inf))
+    times, none = detections.silences((radar, eyes), found((270, 1, bearing, far)), way, 600.0)
+    np.testing.assert_allclose(times / 60, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9] if counts else [0, 1, 2, 7, 8, 9])
+    assert none.size == 0
 
 
 def test_a_track_follows_its_detections_and_its_areas_grow_in_silence() -> None:
@@ -68,7 +90,8 @@ def test_a_track_follows_its_detections_and_its_areas_grow_in_silence() -> None:
     off = (azimuth - np.degrees(seen.bearing) + 180) % 360 - 180
     assert (np.abs(off[radar]) < 1.0).all()
     assert (np.abs(off[~radar]) < 5.0).all()
-    spread = [path.arc(c.place, c.place.mean(axis=0)).std() for t, c in held.clouds if c is not None and t >= 4200]
+    clouds = [one.cloud for one in held.shown if one.cloud is not None and one.time >= 4200]
+    spread = [path.arc(cloud.place, cloud.place.mean(axis=0)).std() for cloud in clouds]
     assert spread[0] < spread[1] < spread[2]
 
 
@@ -84,9 +107,10 @@ def test_a_track_is_lost_and_found_again() -> None:
         held = holding.hold(
             replace(asked, target=seen, sensors=(radar,), tracker=way, methods=(kind,), shown=(2000.0, 3000.0))
         )
-        assert [cloud is None for _, cloud in held.clouds] == [True, False]
+        assert [one.cloud is None for one in held.shown] == [True, False]
+        assert [one.holding for one in held.shown] == [0, 9]
         # The first silence that counts, by sweeps of 2.4 s, 300 s after each detection
-        assert held.lost == (360.0, 3300.0)
+        assert [(loss.time, *loss.sensors) for loss in held.lost] == [(360.0, radar), (3300.0, radar)]
 
 
 def test_a_loss_is_told_where_a_detection_finds_the_target_before_any_figure() -> None:
@@ -102,12 +126,66 @@ def test_a_loss_is_told_where_a_detection_finds_the_target_before_any_figure() -
     )
     assert held.detected.sum() == 3
     assert np.isfinite(held.place[1:]).all()
-    assert held.lost == (7 * np.ceil(361 / 7), 7 * np.ceil(1100 / 7))
+    assert [loss.time for loss in held.lost] == [7 * np.ceil(361 / 7), 7 * np.ceil(1100 / 7)]
+
+
+def test_the_mean_of_a_ring_lies_within_none_of_its_areas() -> None:
+    """A range alone, of 8 nmi +- 10 %: the areas are a ring, and its mean is on the tracker; a bearing later it is not."""
+    asked = tracking.load("lost_contact")
+    seen = found((300, 0, NAN, 8), (600, 0, 70, 8.3))
+    way = path.standing(LON, LAT, 0.0, 900.0)
+    held = holding.hold(
+        replace(asked, target=seen, sensors=(RADAR,), tracker=way, end=900.0, every=150.0, shown=(300.0,), pursuit=None)
+    )
+    assert held.time.tolist() == [0.0, 150.0, 300.0, 450.0, 600.0, 750.0, 900.0]
+    own = np.isfinite(held.place[:, 0])
+    assert own.tolist() == [False, False, True, True, True, True, True]
+    assert (path.arc(held.place[2:4], path.vector([LON], [LAT])) * sphere.RADIUS < 0.5 * NMI).all()
+    assert np.isfinite(held.within).tolist() == [False, False, False, False, True, True, True]
+    ring = held.areas[2][0.9].outline
+    east, north = (ring.bounds[k + 2] - ring.bounds[k] for k in range(2))
+    assert east * np.cos(LAT) * 60 / 2 == pytest.approx(8.8, rel=0.03)  # the farthest of the box
+    assert north * 60 / 2 == pytest.approx(8.8, rel=0.03)
+
+
+def test_other_clouds_say_how_far_areas_go_by_chance() -> None:
+    """The least and the largest area are those of ten clouds, each followed alone by the random numbers of a run of its own."""
+    asked = tracking.load("lost_contact")
+    seen = found((300, 0, 70, 8), (1300, 0, 75, 9))
+    way = path.standing(LON, LAT, 0.0, 1500.0)
+    given = replace(
+        asked,
+        target=seen,
+        sensors=(replace(RADAR, on=Plan(np.inf)),),
+        tracker=way,
+        end=1500.0,
+        shown=(900.0, 1500.0),
+        pursuit=None,
+        size=300,
+    )
+    held = holding.hold(given)
+    assert len(held.shown) == 2
+    for one in held.shown:
+        sizes = []
+        for run in range(10):
+            marks = np.array([one.time])
+            told = detections.ordered(given.sensors, seen, way, marks, given.end)
+            alone = Clouds([World(way, told)], given.methods, 300, given.seed, run=run).go(one.time)
+            cloud = alone.particles(0, 0, one.time)
+            sizes.append(density.areas(density.surface(cloud.place, cloud.weight), holding.SHARES))
+        for share in holding.SHARES:
+            each = [regions[share].area for regions in sizes]
+            assert one.sizes[share] == pytest.approx((min(each), max(each)), rel=1e-9)
+            assert held.areas[held.row(one.time)][share].area == pytest.approx(each[0], rel=1e-9)
+            assert max(each) > 1.05 * min(each)
+        assert one.holding == holding.OTHERS == 9
 
 
 def test_the_times_shown_do_not_change_the_track() -> None:
     asked = tracking.load("lost_contact")
     one = holding.hold(replace(asked, shown=(asked.end,)))
     two = holding.hold(replace(asked, shown=(600.0, 2700.0, asked.end)))
+    same = np.isin(two.time, one.time)
+    assert same.sum() == len(one.time)
     for name in ("time", "place", "course", "speed", "count"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name)[same])

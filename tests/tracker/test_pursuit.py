@@ -1,6 +1,8 @@
 """Paths through clouds: A* against SciPy's Dijkstra, meeting by hand, going round, and Klaas' trigger."""
 
 import itertools
+import math
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -217,9 +219,20 @@ def test_what_cannot_be_done_is_one_line(changes: dict[str, object], words: str)
         pursuit.pursue(question, lambda _: (ways, np.ones(1)))
 
 
-def test_an_empty_cloud_and_a_start_on_land_are_refused() -> None:
+def test_an_empty_cloud_is_refused_and_another_that_is_empty_meets_nobody_knows_what() -> None:
     ways = np.broadcast_to(path.vector([LON], [LAT]), (10, 1, 3))
-    with pytest.raises(ValueError, match="no particle is left"):
+    with pytest.raises(ValueError, match="no track is held when it begins"):
         pursuit.pursue(asked(), lambda _: (ways[:, :0], np.ones(0)))
-    with pytest.raises(ValueError, match="the vessel begins on land"):
-        pursuit.pursue(asked(), lambda _: (ways, np.ones(1)), lambda lon, lat, half: lat > -90)
+    found = pursuit.pursue(asked(), lambda _: (ways, np.ones(1)))
+    assert found.met[0] == 1.0
+    assert np.isnan(pursuit.judged(asked(), found.path, lambda _: (ways[:, :0], np.ones(0)))).all()
+
+
+def test_a_destination_is_out_of_reach_where_the_great_circle_to_it_is_longer_than_the_way_made() -> None:
+    """Nine steps of 10 min at 20 kn make 30 nmi: by pyproj one of 29.99 nmi is within, one of 30.01 is not."""
+    words = r"30\.0 nmi from where it begins, which is 91 min at 20 kn, and its 9 steps last 90 min"
+    for away, beyond in ((29.99, False), (30.01, True)):
+        lon, lat, _ = EARTH.fwd(*np.degrees([LON, LAT]), 237.0, away * NMI)
+        question = asked(aim="avoid", to=(math.radians(lon), math.radians(lat)))
+        with pytest.raises(ValueError, match=words) if beyond else nullcontext():
+            pursuit.check(question)
