@@ -59,6 +59,8 @@ def test_a_track_is_written(tmp_path: Path) -> None:
             assert told["area_km2"] == pytest.approx(told["area_nmi2"] * 1.852**2, rel=1e-3)
             assert told["name"] == f"{share} % area {notation.group(np.datetime64(own['time'][:-1]))}"
         assert most.area > half.area
+        there = shapely.Point(float(own["lon"]), float(own["lat"]))
+        assert own["within_percent"] == ("50" if half.contains(there) else "90" if most.contains(there) else "none")
         assert cloud is not None
         inside = cloud.weight[shapely.contains_xy(most, *path.degrees(cloud.place))].sum()
         assert inside > 0.85

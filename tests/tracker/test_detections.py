@@ -98,14 +98,15 @@ def test_a_track_follows_its_detections_and_its_areas_grow_in_silence() -> None:
 def test_a_track_is_lost_and_found_again() -> None:
     """Within reach of a radar that finds nothing no particle is left; a later detection begins anew."""
     asked = tracking.load("lost_contact")
-    seen = found((60, 0, 40, 6), (3000, 0, 20, 9))
+    seen = found((60, 1, 40, 6), (3000, 1, 20, 9))
     radar = replace(asked.sensors[0], reach=30 * NMI, on=Plan())
+    eyes = Sensor("eyes", 30 * NMI, 0.3, np.radians(1.5), 7.0, Plan(3400.0))  # off until then
     way = path.standing(LON, LAT, 0.0, asked.end)
     method = asked.methods[0]
     for bulk in (0.1, 0.0):
         kind = replace(method, filling=replace(method.filling, bulk=bulk))
         held = holding.hold(
-            replace(asked, target=seen, sensors=(radar,), tracker=way, methods=(kind,), shown=(2000.0, 3000.0))
+            replace(asked, target=seen, sensors=(eyes, radar), tracker=way, methods=(kind,), shown=(2000.0, 3000.0))
         )
         assert [one.cloud is None for one in held.shown] == [True, False]
         assert [one.holding for one in held.shown] == [0, 9]
