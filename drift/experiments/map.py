@@ -17,7 +17,6 @@ from drift.tracker.experiment import MET, Outcome
 WIDTH, PANEL, KEY = 11.7, 2.1, 0.21  # [in] of the page, of a panel with its gap, of a line of the key
 COLOURS = ("#0b4f8a", "#b3261e", "#1b5e20", "#8a5a00", "#6a3d9a", "#00838f", "#37474f", "#c2185b")
 DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)), (0, (1, 1)))
-NAMES = {"position": "Position error [nmi]", "course": "Course error [deg]", "speed": "Speed error [kn]"}
 
 
 def draw(found: Experiment, path: Path, imprint: Imprint) -> None:
@@ -58,10 +57,10 @@ def _scatter(found: Experiment, path: Path, imprint: Imprint) -> None:
 
 
 def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> None:
-    """Draw the errors of a tracking case over time."""
+    """Draw the errors of a tracking case over time, and how often areas hold the target."""
     groups = text.alike(whole, curves=True)
     met = next((figure for figure in found.figures if figure.name == MET), None)
-    panels = len(text.ERRORS) + (met is not None)
+    panels = len(found.curves) + (met is not None)
     over, under = 1.05, 0.75 + KEY * (len(groups) + 2)
     height = over + panels * PANEL + under
     on = sheet.begin(
@@ -77,9 +76,9 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
     )  # fmt: skip
     styles = _styles(found, groups)
     symbols: list[tuple[Any, str]] = []
-    for number, (name, _, scale) in enumerate(text.ERRORS):
-        axes = _panel(on, height, over, number, NAMES[name])
-        mean, error = text.curve(found, name, scale)
+    for number, curve in enumerate(found.curves):
+        axes = _panel(on, height, over, number, f"{curve.name[0].upper()}{curve.name[1:]} [{curve.unit}]")
+        mean, error = curve.mean()
         for group, (colour, dash) in zip(groups, styles, strict=True):
             (line,) = axes.plot(found.time / 60, mean[group[0]], color=colour, linestyle=dash, linewidth=1.5)
             axes.fill_between(
@@ -90,7 +89,7 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
                 alpha=0.18,
                 linewidth=0,
             )
-            values = [v for way in group if (v := text.published(whole, way, f"{name} error")) is not None]
+            values = [v for way in group if (v := text.published(whole, way, curve.name)) is not None]
             if values:
                 axes.plot(
                     [1.012],
@@ -103,9 +102,11 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
                 )
             if number == 0:
                 symbols.append((line, text.called(whole, group)))
-        axes.set_ylim(bottom=0)
+        axes.set_ylim(0, None if curve.right is None else 100)
+        if curve.right is not None:
+            axes.axhline(curve.right, color=GREY, linewidth=0.9, zorder=1)
         _window(axes, found)
-        if number < len(text.ERRORS) - 1:
+        if number < len(found.curves) - 1:
             axes.tick_params(labelbottom=False)
         else:
             axes.set_xlabel("Minutes after the start", fontsize=9, color=INK)

@@ -8,24 +8,20 @@ import numpy as np
 
 from drift.experiments.record import Experiment
 from drift.output import formats
-from drift.tracker.experiment import MET, Outcome
+from drift.tracker.experiment import MET
 from drift.tracker.figures import QUANTILES
-from geo.array import Array
-from geo.notation import KNOT, NMI
-
-ERRORS = (("position", "nmi", 1 / NMI), ("course", "deg", float(np.degrees(1.0))), ("speed", "kn", 1 / KNOT))
 
 
 def alike(found: Experiment, curves: bool = False) -> list[list[int]]:
     """Return the ways of following by their numbers, those together of which no figure differs by a bit.
 
-    curves: nor any error at any time.
+    curves: nor anything at any time.
     """
     groups: dict[bytes, list[int]] = {}
     for k in range(len(found.ways)):
         key = b"".join(figure.values[k].tobytes() for figure in found.figures)
         if curves and found.tracking is not None:
-            key += b"".join(values[k].tobytes() for values in vars(found.tracking.errors).values())
+            key += b"".join(curve.values[k].tobytes() for curve in found.tracking.curves)
         groups.setdefault(key, []).append(k)
     return list(groups.values())
 
@@ -100,29 +96,19 @@ def runs(found: Experiment) -> str:
 
 
 def times(found: Experiment) -> str:
-    """Return mean and standard error of each error at each time."""
-    header = ["way", "minutes"]
-    for name, unit, _ in ERRORS:
-        header += [f"{name}_error_{unit}", f"{name}_standard_error_{unit}"]
-    rows = []
+    """Return mean and standard error of each error at each time, and of how often areas hold the target."""
     tracking = found.tracking
     assert tracking is not None
-    curves = [curve(tracking, name, scale) for name, _, scale in ERRORS]
+    header = ["way", "minutes"]
+    for curve in tracking.curves:
+        words, unit = curve.name.replace(" % ", "_percent_").replace(" ", "_"), curve.unit.replace("%", "percent")
+        header += [f"{words}_{unit}", f"{words.removesuffix('_error')}_standard_error_{unit}"]
+    means = [curve.mean() for curve in tracking.curves]
+    rows = []
     for way, name in enumerate(found.ways):
         for k, time in enumerate(tracking.time):
-            rows.append([name, time / 60, *(_cell(curve[way, k]) for both in curves for curve in both)])
+            rows.append([name, time / 60, *(_cell(values[way, k]) for both in means for values in both)])
     return formats.csv_text(header, rows)
-
-
-def curve(found: Outcome, name: str, scale: float) -> tuple[Array, Array]:
-    """Return (mean, standard error) of an error over the runs that hold a track, each (ways of following, times)."""
-    values = getattr(found.errors, name) * scale
-    held = np.isfinite(values)
-    many = held.sum(axis=1)
-    safe = np.maximum(many, 1)
-    mean = np.where(many > 0, np.where(held, values, 0.0).sum(axis=1) / safe, np.nan)
-    spread = np.where(held, (values - mean[:, None]) ** 2, 0.0).sum(axis=1) / np.maximum(many - 1, 1)
-    return mean, np.where(many > 1, np.sqrt(spread / safe), np.nan)
 
 
 def _cell(value: float) -> float | None:

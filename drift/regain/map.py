@@ -56,7 +56,7 @@ def draw(found: Regained, path: Path, imprint: Imprint, land: Callable[[Box], It
     if isinstance(found.chased, Chased):
         key += _chase(axes, frame, found, found.chased)
     elif found.chased is not None:
-        key.append((axes.plot([], [])[0], textwrap.fill(f"no path: {found.chased.why}", 46)))
+        key.append((axes.plot([], [], linestyle="none")[0], textwrap.fill(f"no path: {found.chased.why}", 46)))
     chart.scale_bar(axes, frame, chart.free_corner(frame, *_dots(frame, found)))
     _times(on, axes, frame, found)
     _densities(on, found)
@@ -157,7 +157,7 @@ def _clouds(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
     for one, colour in zip(held.shown, colours, strict=True):
         when, cloud, regions = notation.group(text.moment(found, one.time)), one.cloud, held.areas[held.row(one.time)]
         if cloud is None:
-            symbols.append((axes.plot([], [])[0], f"{when}: no track is held"))
+            symbols.append((axes.plot([], [], linestyle="none")[0], f"{when}: no track is held"))
             continue
         # Dots are as many as the weight they stand for.
         rows = np.searchsorted(np.cumsum(cloud.weight), (np.arange(DOTS) + 0.5) / DOTS).clip(max=len(cloud.weight) - 1)
@@ -224,7 +224,7 @@ def _estimate(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]
     (spot,) = axes.plot(x[shown], y[shown], "o", color=RED, markersize=5, zorder=9)
     symbols: list[tuple[Any, str]] = [((line, spot), "estimated track, and where it is at those times")]
     if (held.count > 0)[~good].any():
-        symbols.append((axes.plot([], [])[0], "left out where the mean lies outside its areas"))
+        symbols.append((axes.plot([], [], linestyle="none")[0], "left out where the mean lies outside its areas"))
     return symbols
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drift.tracker import following, study
-from drift.tracker.figures import Figure, of_times
+from drift.tracker.figures import Curve, Figure, of_times
 from drift.tracker.following import Errors
 from drift.tracker.study import Study
 from geo.array import Array
@@ -23,7 +23,7 @@ class Outcome:
     study: Study
     figures: tuple[Figure, ...]
     time: Array  # [s] at which figures are taken (times,)
-    errors: Errors  # at those times (ways of following, runs, times)
+    curves: tuple[Curve, ...]  # errors at those times, and whether areas hold the target
     sweeps: int  # of the first run
 
 
@@ -43,14 +43,8 @@ def run(asked: Study, shore: DeviceCoast | None = None, tell: Callable[[float], 
     errors = following.errors(found, np.stack(place), np.stack(velocity))
     times, marked = (np.stack(part) for part in zip(*regular, strict=True))
     at_marks = Errors(*(_at(values, marked) for values in (errors.position, errors.course, errors.speed)))
-    moments = study.marks(asked)
-    return Outcome(
-        asked,
-        _figures(asked, errors, times, at_marks, _at(found.level, marked), moments),
-        moments,
-        at_marks,
-        len(worlds[0].sweeps),
-    )
+    curves, moments = _curves(asked, at_marks, _at(found.level, marked)), study.marks(asked)
+    return Outcome(asked, _figures(asked, errors, times, curves, moments), moments, curves, len(worlds[0].sweeps))
 
 
 def _at(values: Array, marked: Array) -> Array:
@@ -58,19 +52,27 @@ def _at(values: Array, marked: Array) -> Array:
     return np.stack([values[:, k, own] for k, own in enumerate(marked)], axis=1)
 
 
-def _figures(
-    asked: Study, errors: Errors, times: Array, at_marks: Errors, levels: Array, moments: Array
-) -> tuple[Figure, ...]:
-    inside = (moments >= asked.window[0]) & (moments <= asked.window[1])
-    scales = {"position": ("nmi", 1 / NMI), "course": ("deg", np.degrees(1.0)), "speed": ("kn", 1 / KNOT)}
-    figures = [
-        of_times(f"{name} error", unit, getattr(at_marks, name)[..., inside] * scale)
-        for name, (unit, scale) in scales.items()
+def _curves(asked: Study, errors: Errors, levels: Array) -> tuple[Curve, ...]:
+    """Return errors at marks, and whether areas hold the target there, by its level."""
+    curves = [
+        Curve("position error", "nmi", errors.position / NMI),
+        Curve("course error", "deg", np.degrees(errors.course)),
+        Curve("speed error", "kn", errors.speed / KNOT),
     ]
-    figures.append(Figure("track held", "%", 100 * np.isfinite(at_marks.position[..., inside]).mean(axis=-1)))
     for share in asked.areas:
-        inside_it = np.where(np.isfinite(levels), levels < share, np.nan)[..., inside]
-        figures.append(of_times(f"in {100 * share:g} % area", "%", 100 * inside_it))
+        inside = np.where(np.isfinite(levels), levels < share, np.nan)
+        curves.append(Curve(f"in {100 * share:g} % area", "%", 100 * inside, 100 * share))
+    return tuple(curves)
+
+
+def _figures(
+    asked: Study, errors: Errors, times: Array, curves: tuple[Curve, ...], moments: Array
+) -> tuple[Figure, ...]:
+    """Return means over the window, the share of it that a track is held, and the time to criteria, by errors at all times."""
+    inside = (moments >= asked.window[0]) & (moments <= asked.window[1])
+    figures = [of_times(curve.name, curve.unit, curve.values[..., inside]) for curve in curves]
+    held = np.isfinite(curves[0].values[..., inside])
+    figures.insert(3, Figure("track held", "%", 100 * held.mean(axis=-1)))
     if asked.criteria is not None:
         near = (errors.position < asked.criteria.position) & (errors.course < asked.criteria.course)
         near &= errors.speed < asked.criteria.speed

@@ -51,6 +51,25 @@ class Figure:
         return apart.mean(), apart.error()
 
 
+@dataclass(frozen=True)
+class Curve:
+    """A number of each run at each time, in every way of following."""
+
+    name: str
+    unit: str
+    values: Array  # (ways of following, runs, times); NaN: that run has none then
+    right: float | None = None  # what it should be
+
+    def mean(self) -> tuple[Array, Array]:
+        """Return (mean, standard error) over the runs that have one, each (ways of following, times)."""
+        held = np.isfinite(self.values)
+        many = held.sum(axis=1)
+        safe = np.maximum(many, 1)
+        mean = np.where(many > 0, np.where(held, self.values, 0.0).sum(axis=1) / safe, np.nan)
+        spread = np.where(held, (self.values - mean[:, None]) ** 2, 0.0).sum(axis=1) / np.maximum(many - 1, 1)
+        return mean, np.where(many > 1, np.sqrt(spread / safe), np.nan)
+
+
 def of_times(name: str, unit: str, values: Array) -> Figure:
     """Return a figure that is a mean over times (ways of following, runs, times); NaN: that way has none then.
 

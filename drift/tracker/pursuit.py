@@ -139,7 +139,7 @@ def pursue(asked: Pursuit, forecast: Forecast, closed: Closed | None = None) -> 
         before, left = left.sum(), np.where(seen, 0.0, left)
         met.append(1.0 - left.sum())
         some = left.sum() > 0 and step < asked.steps
-        if some and (step == 0 or trigger.observed(left.sum() / before)):
+        if some and (step == 0 or (plan[step] != goal and trigger.observed(left.sum() / before))):
             plan = [*plan[: step + 1], *_plan(asked, centres, shut, places, left, plan[step], step, goal)]
             plans.append(step)
             places, _ = forecast(_path(asked, centres, plan, goal))

@@ -101,6 +101,37 @@ def test_a_tracking_case_has_its_own_ways_and_figures(tmp_path: Path) -> None:
     assert text.alike(found)[0] == [0, 1, 2]
 
 
+def test_how_often_areas_hold_the_target_is_told_at_each_time(tmp_path: Path) -> None:
+    """While a track is held at every time the mean over times is that of the runs, of errors and of areas."""
+    small = {"particles": "1000", "duration": "40 min", "seed": "8"}
+    found = command.experiment("fast_boat", tmp_path / "out", changes=small, runs=6)
+    tables = {
+        name: list(csv.DictReader((tmp_path / "out" / f"{name}.csv").read_text(encoding="utf-8").splitlines()))
+        for name in ("experiment", "experiment_times")
+    }
+    columns = {
+        "position error": "position_error_nmi", "course error": "course_error_deg", "speed error": "speed_error_kn",
+        "in 50 % area": "in_50_percent_area_percent", "in 90 % area": "in_90_percent_area_percent",
+    }  # fmt: skip
+    whole = [way for way in found.ways if all(
+        float(row["mean"]) == 100.0 for row in tables["experiment"] if (row["way"], row["figure"]) == (way, "track held")
+    )]  # fmt: skip
+    assert whole
+    for way in whole:
+        rows = [row for row in tables["experiment_times"] if row["way"] == way]
+        assert [float(row["minutes"]) for row in rows] == list(range(5, 41, 5))
+        for figure, column in columns.items():
+            (mean,) = (
+                float(row["mean"]) for row in tables["experiment"] if (row["way"], row["figure"]) == (way, figure)
+            )
+            assert np.mean([float(row[column]) for row in rows]) == pytest.approx(mean, rel=1e-5)
+        shares = [float(row["in_90_percent_area_percent"]) / 100 for row in rows]
+        errors = [float(row["in_90_percent_area_standard_error_percent"]) / 100 for row in rows]
+        # Of shares of six runs; six digits are written
+        np.testing.assert_allclose(errors, [np.sqrt(p * (1 - p) / 5) for p in shares], rtol=1e-4, atol=1e-9)
+        assert len(set(shares)) > 2
+
+
 @pytest.mark.slow
 def test_the_command_writes_the_same_bits_with_one_thread_and_two(tmp_path: Path) -> None:
     made = {}

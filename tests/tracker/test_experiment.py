@@ -153,7 +153,7 @@ def test_the_zig_zag_is_followed_from_eight_minutes_after_a_change() -> None:
     assert found.figures[0].mean()[0] < 0.5
     minutes = slice(19, 119)  # from the first change on, five legs of 20
     assert (found.time[minutes] == 60 * np.arange(20, 120)).all()
-    since = np.degrees(found.errors.course[0]).mean(axis=0)[minutes].reshape(5, 20)  # change, minutes since
+    since = found.curves[1].values[0].mean(axis=0)[minutes].reshape(5, 20)  # change, minutes since
     assert since[:, 8:].mean(axis=0).max() < 8
     assert since[:, :4].max(axis=1).min() > 45
 
