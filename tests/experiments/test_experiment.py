@@ -125,8 +125,8 @@ def test_how_often_areas_hold_the_target_is_told_at_each_time(tmp_path: Path) ->
                 float(row["mean"]) for row in tables["experiment"] if (row["way"], row["figure"]) == (way, figure)
             )
             assert np.mean([float(row[column]) for row in rows]) == pytest.approx(mean, rel=1e-5)
-        shares = [float(row["in_90_percent_area_percent"]) / 100 for row in rows]
-        errors = [float(row["in_90_percent_area_standard_error_percent"]) / 100 for row in rows]
+        shares = [float(row["in_50_percent_area_percent"]) / 100 for row in rows]
+        errors = [float(row["in_50_percent_area_standard_error_percent"]) / 100 for row in rows]
         # Of shares of six runs; six digits are written
         np.testing.assert_allclose(errors, [np.sqrt(p * (1 - p) / 5) for p in shares], rtol=1e-4, atol=1e-9)
         assert len(set(shares)) > 2
