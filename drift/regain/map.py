@@ -59,7 +59,8 @@ def draw(found: Regained, path: Path, imprint: Imprint, land: Callable[[Box], It
         key.append((axes.plot([], [], linestyle="none")[0], textwrap.fill(f"no path: {found.chased.why}", 46)))
     chart.scale_bar(axes, frame, chart.free_corner(frame, *_dots(frame, found)))
     _times(on, axes, frame, found)
-    _densities(on, found)
+    if any(one.cloud is not None for one in found.held.shown):
+        _densities(on, found)
     sheet.legend(
         on.figure, key, loc="upper left", bbox_to_anchor=(KEY - 0.01, MAP[1] + MAP[3] + 0.01), fontsize=8.5,
         handlelength=2.2, labelspacing=0.7,
