@@ -167,7 +167,7 @@ def load(path: str | os.PathLike[str], spread_rate: str | None = None) -> Study:
     if spread_rate is not None:
         data["k"] = spread_rate
     try:
-        return study(BridgeTable.model_validate(data), path.absolute().parent)
+        return study(BridgeTable.model_validate(data, context={"whole": BridgeTable}), path.absolute().parent)
     except ValidationError as error:
         raise _refusal(path, messages.lines(error, data)) from None
     except (UserError, ValueError) as error:

@@ -5,15 +5,19 @@ where.
 """
 
 import difflib
+import re
 from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
 from typing import Annotated, Any, ClassVar, get_args, get_origin
 
+import numpy as np
 from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
     ModelWrapValidatorHandler,
     ValidationError,
+    ValidationInfo,
     model_validator,
 )
 from pydantic_core import InitErrorDetails
@@ -30,8 +34,10 @@ class Table(BaseModel):
 
     @model_validator(mode="wrap")
     @classmethod
-    def known_keys(cls, data: Any, handler: ModelWrapValidatorHandler[Any]) -> Any:
+    def known_keys(cls, data: Any, handler: ModelWrapValidatorHandler[Any], info: ValidationInfo) -> Any:
         """Refuse unknown keys with the nearest known one, together with all else that is wrong in the table.
+
+        A key of another table is said to be of that: of one within this, or of the whole file, if the context has it as "whole".
 
         What only follows from an unknown key is left out: that the key it stands for is missing, and what the table as
         a whole would lack. A key may bear its old name, but not stand there by both.
@@ -50,7 +56,9 @@ class Table(BaseModel):
         wrong = [
             f'"{old}" is the old name of "{new}", and both are given; give {new} alone' for old, new in twice.items()
         ]
+        whole = (info.context or {}).get("whole", cls)
         places = {key: _tables_with(cls, key) for key in unknown}
+        places |= {key: ["the file itself, above its first [table]"] for key in unknown if key in whole.model_fields}
         unknown = {key: [] if places[key] else near for key, near in unknown.items()}
         hints = {key: f'did you mean "{near[0]}"? ' if near else "" for key, near in unknown.items()}
         hints |= {key: f"it is a key of {' and '.join(tables)}. " for key, tables in places.items() if tables}
@@ -248,7 +256,15 @@ Sector = Annotated[tuple[float, float], BeforeValidator(_sector)]
 LengthRange = Annotated[tuple[float, float], _ordered(_length.func)]
 AreaRange = Annotated[tuple[float, float], _ordered(_area.func)]
 ship_speed = _ship_speed.func  # the same as functions, for laws of uncertain numbers
-interval = _quantity("s", "time after", "2 h", high=units.CENTURY).func
+interval: Callable[[object], Any] = _quantity("s", "time after", "2 h", high=units.CENTURY).func  # type: ignore[assignment]
+
+
+def _moment(value: object) -> float | units.Instant:
+    if isinstance(value, datetime) or (isinstance(value, str) and re.match(r"\s*(\d{4}-\d|\d{6}\s*[A-Za-z])", value)):
+        return units.time(value)
+    return float(interval(value))
+
+
 DurationRange = Annotated[tuple[float, float], _ordered(_duration.func)]
 ShareRange = Annotated[tuple[float, float], _ordered(share)]
 LengthPair = Annotated[tuple[float, float], BeforeValidator(pair_of(_length.func))]
@@ -256,3 +272,11 @@ Position = Annotated[tuple[float, float], BeforeValidator(units.position)]  # (l
 Longitude = Annotated[float, BeforeValidator(lambda value: units.angle(value, "EW"))]
 Latitude = Annotated[float, BeforeValidator(lambda value: units.angle(value, "NS"))]
 Time = Annotated[units.Instant, BeforeValidator(units.time)]
+Moment = Annotated[float | units.Instant, BeforeValidator(_moment)]  # after the start [s], or a date and time
+
+
+def seconds(moment: float | units.Instant, start: np.datetime64) -> float:
+    """Return a Moment as seconds after the start."""
+    if isinstance(moment, float):
+        return moment
+    return float((units.resolve(moment, start) - start) / np.timedelta64(1, "s"))

@@ -96,7 +96,7 @@ def _validated(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> 
     """Return the case of a file's tables; raise all that is wrong with it, `wrong` included."""
     try:
         wrong.refuse()
-        case = build.build(CaseTable.model_validate(data), path, text)
+        case = build.build(CaseTable.model_validate(data, context={"whole": CaseTable}), path, text)
         inputs = tuple(dict.fromkeys(_inputs(family.expanded(data), path.absolute().parent)))
         return replace(case, inputs=inputs, tables=data)
     except ValidationError as error:

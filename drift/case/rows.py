@@ -1,6 +1,7 @@
 """Tables that a case names, as CSV: with commas, semicolons or tabs, as spreadsheets write them in any country."""
 
 import csv
+import difflib
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -39,7 +40,7 @@ class Rows:
         if missing or strange or twice:
             wrong = (
                 f"no column {', '.join(missing)}" if missing else
-                f"unknown column {', '.join(name or 'without a name' for name in strange)}" if strange else
+                f"unknown column {', '.join(_strange(name, allowed) for name in strange)}" if strange else
                 f"there are two columns {twice[0]}"
             )  # fmt: skip
             first = "the first two are needed" if len(needed) == 2 else f"{', '.join(needed)} are needed"
@@ -70,6 +71,11 @@ class Rows:
     def wanted(self) -> str:
         """What a line must have, for who reads that it has not."""
         return f"as many values as names are needed, {len(self.columns)}: {', '.join(self.columns)}; write decimals with points, or part columns by semicolons"
+
+
+def _strange(name: str, allowed: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, allowed, n=1, cutoff=0.6)
+    return f"{name or 'without a name'}{f' (did you mean {near[0]}?)' if near else ''}"
 
 
 def _text(path: str) -> str:

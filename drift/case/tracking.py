@@ -205,8 +205,8 @@ class PursuitTable(fields.Table):
     """Of the vessel."""
     reach: fields.Width
     """Within which it sees the target, or is seen."""
-    begin: Elapsed | None = None
-    """After the start; by default the last detection, or where the detections' file last says where the tracker was if that is later. From
+    begin: fields.Moment | None = None
+    """After the start, or a date and time; by default the last detection, or where the detections' file last says where the tracker was if that is later. From
     then on the vessel's own looks count, and no sensor's silence."""
     lasting: fields.Duration | None = None
     """How long; until the end of the case by default."""
@@ -222,13 +222,22 @@ class PursuitTable(fields.Table):
     """It is planned anew when seeing nothing since the last plan was less likely than this (Klaas' trigger)."""
 
     def pursuit(
-        self, seen: Array, tracker: path.Path, known: float, end: float, told: Callable[[float], str]
+        self,
+        seen: Array,
+        tracker: path.Path,
+        known: float,
+        start: np.datetime64,
+        end: float,
+        told: Callable[[float], str],
     ) -> Pursuit:
-        """Return the record; seen: times of detections [s]; known: until when the log knows the tracker [s]; told: puts a time in words.
+        """Return the record.
+
+        seen: times of detections [s after the start of the case]; known: until when the log knows the tracker [s]; start, end [s
+        after it]: of the case; told: puts a time in words.
 
         Raises ValueError for what does not fit.
         """
-        begin = max(float(seen[-1]), min(known, end)) if self.begin is None else self.begin
+        begin = max(float(seen[-1]), min(known, end)) if self.begin is None else fields.seconds(self.begin, start)
         lasting = end - begin if self.lasting is None else self.lasting
         if begin < seen[-1]:
             raise ValueError(f"begin {told(begin)} is before the last detection, {told(seen[-1])}")
@@ -236,11 +245,11 @@ class PursuitTable(fields.Table):
             raise ValueError(f"it would last until {told(begin + lasting)}, the case until {told(end)}")
         if self.at is None and not tracker.time[0] <= begin <= tracker.time[-1]:
             raise ValueError(f"nobody says where the tracker is at {told(begin)}; give at, or another begin")
-        start = np.radians(self.at) if self.at is not None else np.radians(path.degrees(tracker.at([begin])[0][0]))
+        place = np.radians(self.at) if self.at is not None else np.radians(path.degrees(tracker.at([begin])[0][0]))
         to = None if self.to is None else (float(np.radians(self.to[0])), float(np.radians(self.to[1])))
         steps = int(lasting / self.step + 1e-9)
         found = Pursuit(
-            self.aim, (float(start[0]), float(start[1])), self.speed, self.reach, begin, self.step, steps, to, self.worth,
+            self.aim, (float(place[0]), float(place[1])), self.speed, self.reach, begin, self.step, steps, to, self.worth,
             self.replan,
         )  # fmt: skip
         pursuit.check(found)
@@ -268,8 +277,8 @@ class TrackingTable(fields.Table):
     """In place of it, a CSV file of what was detected: `time`, `sensor`, `bearing` (true, degrees), `range` (nmi), and where the tracker was, `lat` and `lon`."""
     detection: list[DetectionTable] = Field(default_factory=list)
     """The same in this file, in order of time; bare ranges are in metres here."""
-    show: list[Elapsed] = Field(default_factory=list)
-    """Of detections: times after the start at which the cloud is drawn and its areas are told; by default the last detection, the end, and between."""
+    show: list[fields.Moment] = Field(default_factory=list)
+    """Of detections: times, after the start or of date and time, at which the cloud is drawn and its areas are told; by default the last detection, the end, and between."""
     tracker: TrackerTable = TrackerTable()
     """Who follows."""
     land: Literal["turn", "ignore"] = "turn"
@@ -333,7 +342,9 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
     ):
         raise UserError(f"{place.name}: is a case of drift run; a tracking case has [target] and [tracker]")
     try:
-        return study(TrackingTable.model_validate(data), place.stem, text, place.parent)
+        return study(
+            TrackingTable.model_validate(data, context={"whole": TrackingTable}), place.stem, text, place.parent
+        )
     except ValidationError as error:
         raise _refusal(place, messages.lines(error, data)) from None
     except (UserError, ValueError) as error:
@@ -360,11 +371,15 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
             wrong.lines.append(f"{what}: {value:,} must be 1 to {MOST:,}")
     if not 0 <= table.seed < 2**64:
         wrong.lines.append(f"seed: {table.seed} must be 0 to 2**64 - 1")
-    for what, after in (("every", table.every), *(("show", after) for after in table.show)):
-        if after > table.duration:
-            wrong.lines.append(
-                f"{what}: {notation.lasting(after)} is longer than the case, {notation.lasting(table.duration)}"
-            )
+    if table.every > table.duration:
+        wrong.lines.append(
+            f"every: {notation.lasting(table.every)} is longer than the case, {notation.lasting(table.duration)}"
+        )
+    shown = sorted(fields.seconds(moment, start) for moment in table.show)
+    wrong.lines += [
+        f"show: {told(after)} is not within the case, {told(0)} to {told(table.duration)}"
+        for after in shown if not 0 <= after <= table.duration
+    ]  # fmt: skip
     window = table.experiment.window
     if window is not None and not math.floor(min(window[1], table.duration) / table.every) * table.every >= window[0]:
         wrong.lines.append(
@@ -428,7 +443,7 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
             if not isinstance(followed, Detections):
                 raise ValueError("is of detections; a [target] is followed in experiments")
             chase = table.pursuit.pursuit(
-                followed.time, tracker, 0.0 if own is None else float(own.time[-1]), table.duration, told
+                followed.time, tracker, 0.0 if own is None else float(own.time[-1]), start, table.duration, told
             )
     wrong.refuse()
     criteria = table.experiment.criteria
@@ -438,5 +453,5 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
         tuple(method.tracker() for method in table.method),
         table.experiment.window or (0.0, math.inf),
         None if criteria is None else Criteria(criteria.position, math.radians(criteria.course), criteria.speed),
-        table.experiment.areas, tuple(sorted(table.show)), chase, table.experiment.published, table.land == "turn",
+        table.experiment.areas, tuple(shown), chase, table.experiment.published, table.land == "turn",
     )  # fmt: skip

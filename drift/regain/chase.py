@@ -37,7 +37,9 @@ def check(asked: Study, land: Land) -> None:
         if place is not None:
             lon, lat = np.degrees(place)
             if closed(np.array([lon]), np.array([lat]), 0.0)[0]:
-                wrong.append(f"{asked.name}.toml: pursuit: {what} on land, at {notation.position(float(lon), float(lat))}")
+                wrong.append(
+                    f"{asked.name}.toml: pursuit: {what} on land, at {notation.position(float(lon), float(lat))}"
+                )
     if wrong:
         raise UserError(*wrong)
 

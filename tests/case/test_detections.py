@@ -180,6 +180,7 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
         (CASE, ROWS + "+50 min, radar, 12, 8, ,\n", "nobody says where the tracker was at the detection of 050050ZMAR26"),
         (CASE, ROWS + "2026-03-05T00:40:30Z, , , , 14.16, -76.9\n", "line 6: the tracker is at two places at 2026-03-05T00:40:30Z; the other stands above"),
         (CASE + STANDS, PLAIN.replace("+9", "+99"), "line 3: time 2026-03-05T01:39:00Z is not within the case, 2026-03-05T00:00:00Z to 2026-03-05T01:00:00Z: change start or duration"),
+        (CASE + STANDS, PLAIN.replace("bearing", "baering"), "unknown column baering (did you mean bearing?); allowed"),
         (CASE + STANDS, PLAIN.replace("bearing", "course"), "unknown column course; allowed are time, sensor, bearing, range, lat, lon"),
         (CASE + STANDS, PLAIN.replace("time,sensor", "when,sensor"), "no column time"),
         (CASE + STANDS, "time,sensor,bearing,range\n", "no detection; a track begins with one"),
@@ -195,7 +196,7 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
         (CASE.replace('detections = "d.csv"', 'detections = "e.csv"') + STANDS, PLAIN, "detections: "),
         (CASE + STANDS + '[target]\nat = "14N 077W"\n', PLAIN, "[target] and detections are both given; give one"),
         (CASE.replace('detections = "d.csv"', "") + STANDS, PLAIN, '[target] is missing: give it, or detections = "file.csv", or [[detection]]'),
-        (CASE.replace("[[sensor]]", 'show = ["2 h"]\n[[sensor]]', 1) + STANDS, PLAIN, "show: 120 min is longer than the case, 60 min"),
+        (CASE.replace("[[sensor]]", 'show = ["2 h"]\n[[sensor]]', 1) + STANDS, PLAIN, "show: 050200ZMAR26 is not within the case, 050000ZMAR26 to 050100ZMAR26"),
         (CASE + '[tracker]\nlegs = [{ course = 1, speed = "1 kn" }]\n', PLAIN, "tracker: at: is missing; legs begin there"),
     ],
 )  # fmt: skip

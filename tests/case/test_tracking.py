@@ -52,6 +52,7 @@ def test_a_good_case_is_read(tmp_path: Path) -> None:
     [
         ('duration = "1 h"', 'duration = "1 h"\ngrace = "5 min"', 'unknown key "grace"; it is a key of [[sensor]]. Allowed: title, start,'),
         ('duration = "1 h"', 'duration = "1 h"\nwindow = 3', 'unknown key "window"; it is a key of [experiment]. Allowed: title,'),
+        ('reach = "10 nmi"', 'reach = "10 nmi"\nseed = 3', 'sensor "eyes": unknown key "seed"; it is a key of the file itself, above its first [table]. Allowed: name,'),
         ("range_ambiguity = 0.3", "range_ambiguity = 1.2", "range_ambiguity: 1.2 must be a share of the range, 0 (exact) to 1"),
         ("bearing_ambiguity = 1.5", "bearing_ambiguity = 200", "must be above 0 and at most 180 degrees"),
         ("change = 0.5", "change = 0.7\nseek = 0.2\nhide = 0.2", "change 0.7, seek 0.2 and hide 0.2 are 1.1 together; at most 1"),
@@ -100,3 +101,14 @@ def test_other_files_are_refused_by_what_they_are(tmp_path: Path) -> None:
         tracking.load("closin")
     with pytest.raises(UserError, match='unknown key "x"'):
         load(tmp_path, GOOD, **{"tracker.x.y": "3"})
+
+
+def test_times_to_show_and_the_begin_of_a_path_are_after_the_start_or_dates() -> None:
+    """16 and 70 min after 0200Z are 0216Z and, two hours east of Greenwich, 0510."""
+    shown = {"show": "['50 min', '050216ZMAR26', '2026-03-05T05:10+02:00']", "pursuit.begin": "2026-03-05T03:15:00Z"}
+    asked = tracking.load("lost_contact", shown)
+    assert asked.shown == (960.0, 3000.0, 4200.0)
+    assert asked.pursuit is not None
+    assert asked.pursuit.begin == 4500.0
+    with pytest.raises(UserError, match="show: 050159ZMAR26 is not within the case, 050200ZMAR26 to 050415ZMAR26"):
+        tracking.load("lost_contact", {"show": "['2026-03-05T01:59Z']"})
