@@ -148,6 +148,7 @@ def _numbers(found: Regained, one: Shown) -> dict[str, Any]:
         "course_deg": float(np.degrees(held.course[k]) % 360), "speed_kn": float(held.speed[k] / KNOT),
         "particles": int(held.count[k]), "course_spread_deg": float(np.degrees(off)), "speed_std_kn": slower / KNOT,
         "area_nmi2": {notation.percent(share): region.area / NMI**2 for share, region in held.areas[k].items()},
+        "other_clouds_within": {notation.percent(share): value for share, value in one.within.items()},
         "areas_of_clouds_nmi2": {notation.percent(share): [v / NMI**2 for v in size] for share, size in one.sizes.items()},
     }  # fmt: skip
 

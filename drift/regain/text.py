@@ -15,6 +15,7 @@ from geo.notation import KNOT, NMI
 
 VAGUE = np.radians(90)  # spread of courses from which on none is told: if all are alike it is 104 degrees
 WILD = 2.0  # times the least area that the largest of other clouds is, from which on results warn
+ASTRAY = 0.1  # how much less of other clouds an area holds than it says, from which on results warn
 
 
 def moment(found: Regained, seconds: float) -> np.datetime64:
@@ -79,21 +80,14 @@ def _warnings(found: Regained) -> list[str]:
             told.append(
                 f"{sensor.name} was off when it detected something at {notation.group(moment(found, seen.time[k]))}: check when it is on"
             )
+    if rough := [words for one in held.shown for words in _rough(found, one)]:
+        told.append(f"areas go by chance: {', '.join(rough)}: take more particles, or take them as rough")
     for one in held.shown:
-        when = notation.group(moment(found, one.time))
-        wild = [
-            f"{notation.percent(share)} % at {when} {_rounded(low / NMI**2)} to {_rounded(high / NMI**2)} nmi2"
-            for share, (low, high) in one.sizes.items() if high > WILD * low
-        ]  # fmt: skip
-        if wild:
-            told.append(
-                f"areas go by chance, {', '.join(wild)} by {one.holding + 1} clouds alike: take more particles, or take them as rough"
-            )
         astray = one.holding if one.cloud is None else holding.OTHERS - one.holding
         if astray:
             told.append(
-                f"at {when} {astray} of {holding.OTHERS} clouds of other random numbers hold {'a' if one.cloud is None else 'no'} track: "
-                "it hangs by chance, take more particles"
+                f"at {notation.group(moment(found, one.time))} {astray} of {holding.OTHERS} clouds of other random numbers hold "
+                f"{'a' if one.cloud is None else 'no'} track: it hangs by chance, take more particles"
             )
     if len(study.methods) > 1:
         told.append(f'followed by "{law.name}" alone, the first of {len(study.methods)} ways')
@@ -105,6 +99,20 @@ def _warnings(found: Regained) -> list[str]:
         told.append("no track is held at the end")
     if isinstance(found.chased, Failed):
         told.append(f"no path: {found.chased.why}")
+    return told
+
+
+def _rough(found: Regained, one: Shown) -> list[str]:
+    """Return which areas at a time are another by other random numbers."""
+    when, told = notation.group(moment(found, one.time)), []
+    for share, (low, high) in one.sizes.items():
+        which = f"that of {notation.percent(share)} % at {when}"
+        if one.within.get(share, share) < share - ASTRAY:
+            told.append(f"{which} holds {_share(one.within[share])} of {one.holding} other clouds")
+        elif high > WILD * low:
+            told.append(
+                f"{which} is {_rounded(low / NMI**2)} to {_rounded(high / NMI**2)} nmi2 by {one.holding + 1} clouds"
+            )
     return told
 
 

@@ -1,6 +1,6 @@
 """One track by detections: the estimate and its areas at every time, and the cloud at some."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +40,9 @@ class Shown:
     time: float  # [s]
     cloud: Particles | None  # None: no track is held
     sizes: Mapping[float, tuple[float, float]]  # [m2] least and largest area of all clouds, by share
+    within: Mapping[
+        float, float
+    ]  # share of the others that the area of each share holds; of a cloud like them as much as of its own
     holding: int  # of the others that hold a track
 
 
@@ -80,7 +83,7 @@ def hold(asked: Study, shore: Shoreline | None = None, tell: Callable[[float], N
     """
     found = asked.target
     assert isinstance(found, Detections)
-    shown = asked.shown or _shown(asked, found)
+    shown = asked.shown or _usual(asked, found)
     moments = np.unique(np.concatenate([[0.0], study.marks(asked), [asked.end], shown, found.time]))
     until = _silent_until(asked)
     told = detections.ordered(asked.sensors, found, asked.tracker, moments, until)
@@ -92,8 +95,7 @@ def hold(asked: Study, shore: Shoreline | None = None, tell: Callable[[float], N
         own, *others = held.go(time).clouds(time)
         areas.append(_areas(own, dry))
         if time in shown:
-            found_by = [some for cloud in others if (some := _areas(cloud, dry))]
-            clouds.append(Shown(float(time), own if areas[-1] else None, _sizes([areas[-1], *found_by]), len(found_by)))
+            clouds.append(_shown(float(time), own, areas[-1], others, dry))
         tell(number / len(moments))
     fields = held.go().fields[0, 0]
     return Held(
@@ -109,10 +111,25 @@ def _areas(cloud: Particles, dry: Callable[[Array, Array], Array] | None) -> Map
     return density.areas(density.surface(cloud.place, cloud.weight, dry), SHARES)
 
 
-def _sizes(found: list[Mapping[float, Region]]) -> dict[float, tuple[float, float]]:
-    """Return the least and the largest area [m2] by share."""
-    each = {share: [regions[share].area for regions in found if regions] for share in SHARES}
-    return {share: (min(sizes), max(sizes)) for share, sizes in each.items() if sizes}
+def _shown(
+    time: float, own: Particles, areas: Mapping[float, Region], others: Sequence[Particles],
+    dry: Callable[[Array, Array], Array] | None,
+) -> Shown:  # fmt: skip
+    """Return a cloud and its areas beside those of others."""
+    others = [cloud for cloud in others if len(cloud.weight)]
+    each = [regions for regions in (areas, *(_areas(cloud, dry) for cloud in others)) if regions]
+    sizes = {share: [regions[share].area for regions in each] for share in SHARES} if each else {}
+    within = {
+        share: np.mean([cloud.weight[density.holds(region, cloud.place)].sum() for cloud in others])
+        for share, region in areas.items() if others
+    }  # fmt: skip
+    return Shown(
+        time,
+        own if areas else None,
+        {share: (min(size), max(size)) for share, size in sizes.items()},
+        within,
+        len(others),
+    )
 
 
 def _losses(asked: Study, found: Detections, time: Array, until: float) -> tuple[Loss, ...]:
@@ -158,7 +175,7 @@ def _silent_until(asked: Study) -> float:
     return asked.end if asked.pursuit is None or logged else min(asked.end, asked.pursuit.begin + SOON)
 
 
-def _shown(asked: Study, found: Detections) -> tuple[float, ...]:
+def _usual(asked: Study, found: Detections) -> tuple[float, ...]:
     """Return the last detection, the end, and the middle between."""
     last = float(found.time[-1])
     return tuple(dict.fromkeys((last, (last + asked.end) / 2, asked.end)))

@@ -338,7 +338,7 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     told = text.facts(drift.track(tmp_path / "c.toml"))["warning"]
     speed = (16 - 2 * 8 * np.hypot(0.05, np.radians(1))) / 0.05
     assert f"the plot of 050005ZMAR26 needs {speed:,.0f} kn from the one before, fastest is 32 kn" in told
-    assert "areas go by chance, " in told
+    assert "areas go by chance: that of " in told
     assert 'followed by "first" alone, the first of 2 ways' in told
     (tmp_path / "d.csv").write_text(
         "time,sensor,bearing,range\n+2 min,radar,80,8\n+12 min,radar,70,8\n", encoding="utf-8"
@@ -353,6 +353,8 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     told = text.facts(drift.track(tmp_path / "c.toml", changes=plan))["warning"]
     assert "radar was off when it detected something at 050003ZMAR26: check when it is on" in told
     assert "was off" not in text.facts(drift.track(tmp_path / "c.toml"))["warning"]  # its silence is not to count
+    told = text.facts(drift.track(tmp_path / "c.toml", changes={"particles": "1"}))["warning"]
+    assert "areas go by chance: that of 50 % at 050003ZMAR26 holds 0 % of 9 other clouds" in told
     many = {"particles": "2000"}
     told = text.facts(drift.track(tmp_path / "c.toml", changes=many))["warning"]
     assert "needs" not in told

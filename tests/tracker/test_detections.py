@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 from pyproj import Geod
 
 from drift.case import tracking
@@ -167,18 +168,23 @@ def test_other_clouds_say_how_far_areas_go_by_chance() -> None:
     held = holding.hold(given)
     assert len(held.shown) == 2
     for one in held.shown:
-        sizes = []
+        sizes, clouds = [], []
         for run in range(10):
             marks = np.array([one.time])
             told = detections.ordered(given.sensors, seen, way, marks, given.end)
             alone = Clouds([World(way, told)], given.methods, 300, given.seed, run=run).go(one.time)
             cloud = alone.particles(0, 0, one.time)
+            clouds.append(cloud)
             sizes.append(density.areas(density.surface(cloud.place, cloud.weight), holding.SHARES))
         for share in holding.SHARES:
             each = [regions[share].area for regions in sizes]
             assert one.sizes[share] == pytest.approx((min(each), max(each)), rel=1e-9)
             assert held.areas[held.row(one.time)][share].area == pytest.approx(each[0], rel=1e-9)
             assert max(each) > 1.05 * min(each)
+            outline = sizes[0][share].outline
+            inside = [c.weight[shapely.contains_xy(outline, *path.degrees(c.place))].sum() for c in clouds[1:]]
+            assert one.within[share] == pytest.approx(np.mean(inside), rel=1e-9)
+            assert abs(one.within[share] - share) < 0.15
         assert one.holding == holding.OTHERS == 9
 
 
