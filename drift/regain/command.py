@@ -26,7 +26,7 @@ def track(
     """Return the track of a target by the detections there are, and its areas.
 
     name: of a tracking case with `detections`, or its file. out: a folder for the track, its areas and a picture, all or
-    none. changes: as --set has them. tell: takes what is being done, and the share of it that is done. Raises UserError
+    none; where there is no path to be had the rest is written, and `chased` says why. changes: as --set has them. tell: takes what is being done, and the share of it that is done. Raises UserError
     for all that the user can mend.
     """
     folder = None if out is None else Path(out)

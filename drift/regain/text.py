@@ -61,7 +61,7 @@ def _lost(found: Regained, losses: Sequence[Loss]) -> str:
 
 
 def _warnings(found: Regained) -> list[str]:
-    """Return what must be doubted: plots that no target made, few particles, ways of following that are left out."""
+    """Return what must be doubted: plots that no target made, areas by chance, ways of following that are left out, no path."""
     held, study = found.held, found.held.study
     seen, law = study.target, study.methods[0]
     assert isinstance(seen, Detections)
@@ -91,7 +91,8 @@ def _warnings(found: Regained) -> list[str]:
             )
     if len(study.methods) > 1:
         told.append(f'followed by "{law.name}" alone, the first of {len(study.methods)} ways')
-    nothing = held.time[held.detected & np.isnan(held.place[:, 0])]
+    silenced = [loss.time for loss in held.lost if loss.sensors]  # in the second of a detection, perhaps
+    nothing = held.time[held.detected & np.isnan(held.place[:, 0]) & ~np.isin(held.time, silenced)]
     if nothing.size:
         times = ", ".join(dict.fromkeys(notation.group(moment(found, float(time))) for time in nothing))
         told.append(f"no water in the box of what was detected at {times}: check position, bearing and range")

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -66,7 +67,7 @@ class Held:
         """Return the row of a time [s]."""
         return int(np.searchsorted(self.time, time))
 
-    @property
+    @cached_property
     def within(self) -> Array:
         """Return the share of the smallest area that the estimate lies in (n,); NaN: in none, as the mean of a ring does."""
         found = np.full(len(self.time), np.nan)

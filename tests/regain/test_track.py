@@ -277,6 +277,19 @@ def test_what_has_no_detections_is_refused_and_nothing_is_written(tmp_path: Path
     assert "lost_contact" in tracking.shipped()
 
 
+def test_what_silence_loses_in_the_second_of_a_plot_is_not_said_to_have_had_no_water(tmp_path: Path) -> None:
+    """Eyes see something to 20 nmi on a bearing, and a radar nothing within 19.9: of the box half a per cent is left."""
+    (tmp_path / "d.csv").write_text("time,sensor,bearing,range\n+2 min,eyes,70,\n", encoding="utf-8")
+    eyes = '[[sensor]]\nname = "eyes"\nreach = "20 nmi"\nrange_ambiguity = 1\nbearing_ambiguity = 2\non = false\n[[method]]'
+    (tmp_path / "c.toml").write_text(DOUBTFUL.replace("[[method]]", eyes, 1), encoding="utf-8")
+    changes = {"sensor.0.on": "true", "sensor.0.reach": "19.9 nmi", "sensor.0.sweep": "12 s"}
+    told = text.facts(drift.track(tmp_path / "c.toml", changes=changes))
+    assert "at 050002ZMAR26 by radar (within 19.9 nmi, grace 5 min)" in told["lost"]
+    assert "no water" not in told["warning"]
+    same = text.facts(drift.track(tmp_path / "c.toml", changes={**changes, "sensor.0.reach": "20 nmi"}))
+    assert "050002ZMAR26" not in same.get("lost", "")  # then the radar's log is not whole
+
+
 def test_a_mean_that_lies_in_no_area_is_no_place(tmp_path: Path) -> None:
     """After a range alone the mean is on the tracker: track.csv says so, track.gpx leaves it out, and what is said calls it no one place."""
     (tmp_path / "d.csv").write_text(
