@@ -115,6 +115,22 @@ def test_a_track_is_lost_and_found_again() -> None:
         assert [(loss.time, *loss.sensors) for loss in held.lost] == [(360.0, radar), (3300.0, radar)]
 
 
+def test_no_silence_counts_from_when_a_path_begins_that_no_log_tells_of() -> None:
+    """The tracker's legs go on to the end; where it looks for the target from 7 minutes on it is elsewhere. Else silence counts from 450 s."""
+    asked = tracking.load("lost_contact")
+    assert asked.pursuit is not None
+    radar = replace(RADAR, interval=10.0, on=Plan())
+    given = replace(
+        asked, target=found((300, 0, 70, 8)), sensors=(radar,), tracker=path.standing(LON, LAT, 0.0, 900.0), end=900.0,
+        shown=(900.0,),
+    )  # fmt: skip
+    chase = replace(asked.pursuit, begin=420.0, interval=120.0, steps=4)
+    for pursuit, lost in ((None, [450.0]), (chase, []), (replace(chase, begin=460.0), [450.0])):
+        held = holding.hold(replace(given, pursuit=pursuit))
+        assert [loss.time for loss in held.lost] == lost
+        assert (held.shown[0].cloud is None) == bool(lost)
+
+
 def test_a_loss_is_told_where_a_detection_finds_the_target_before_any_figure() -> None:
     """Figures at the begin and the end alone; silence rules out all from 5 minutes after a plot, when no radar is off."""
     asked = tracking.load("lost_contact")
