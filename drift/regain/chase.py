@@ -32,7 +32,7 @@ def check(asked: Study, land: Land) -> None:
     chase = asked.pursuit
     if chase is None:
         return
-    closed, wrong = _closed(chase, land), []
+    closed, wrong = closing(chase, land), []
     for what, place in (("the vessel begins", chase.start), ("the destination is", chase.to)):
         if place is not None:
             lon, lat = np.degrees(place)
@@ -50,14 +50,14 @@ def chased(asked: Study, land: Land, coast: DeviceCoast | None) -> Chased | Fail
     if chase is None:
         return None
     try:
-        found = pursuit.pursue(chase, holding.onward(asked, asked.seed, coast), _closed(chase, land))
+        found = pursuit.pursue(chase, holding.onward(asked, asked.seed, coast), closing(chase, land))
     except ValueError as error:  # the cloud may be lost, and land may lie between: the track is known all the same
         return Failed(str(error))
     other = holding.onward(asked, noise.seed_for(asked.seed, noise.Purpose.PURSUIT), coast)
     return Chased(found, pursuit.judged(chase, found.path, other))
 
 
-def _closed(chase: Pursuit, land: Land) -> Closed:
+def closing(chase: Pursuit, land: Land) -> Closed:
     """Return what says whether there is land in squares."""
 
     def closed(lon: Array, lat: Array, half: float) -> Array:

@@ -11,12 +11,13 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 import shapely
+import shapely.affinity
 from pyproj import Geod
 
 import drift
 from drift.case import tracking
 from drift.cli import commands
-from drift.regain import files, text
+from drift.regain import chase, files, text
 from drift.regain.record import Chased
 from drift.tracker import holding, path
 from geo import notation, sphere
@@ -97,6 +98,7 @@ def test_a_path_is_written(tmp_path: Path) -> None:
     fast = made > 1000
     off = (np.array([float(row["course_deg"] or 0) for row in rows[:-1]]) - azimuth + 180)[fast] % 360 - 180
     assert (np.abs(off) < 1.5).all()
+    assert (found.chased.judged[3:] != found.chased.found.met[3:]).all()  # another cloud of 600
     met = [float(row["within_reach_percent"]) for row in rows]
     assert met == sorted(met)
     assert 20 < met[-1] < 70
@@ -122,22 +124,61 @@ def test_a_path_keeps_off_the_land_there_is(tmp_path: Path) -> None:
     assert there < 50 * 1852 / 10 / 4  # within its cell
 
 
+@pytest.mark.parametrize(
+    ("lon", "lat"), [(-77.2, 18.1), (178.8, -17.6), (16.0, 78.2)]
+)  # Jamaica; Fiji, across 180; Svalbard
+def test_a_square_is_closed_where_there_is_land_in_it_and_open_away_from_it(lon: float, lat: float) -> None:
+    """By squares of pyproj's geodesics on the full polygons; none is closed farther from land than 15 % of its size."""
+    asked = tracking.load(
+        "lost_contact", {"pursuit.at": f"{abs(lat)}{'N' if lat > 0 else 'S'} {abs(lon)}{'E' if lon > 0 else 'W'}"}
+    )
+    assert asked.pursuit is not None
+    closed = chase.closing(asked.pursuit, chase.land())
+    rng, half = np.random.default_rng(4), 1500.0
+    east, north = rng.uniform(-90_000, 90_000, (2, 400))
+    x, y, _ = EARTH.fwd(
+        np.full(400, lon), np.full(400, lat), np.degrees(np.arctan2(east, north)), np.hypot(east, north)
+    )
+    shut = closed(x, y, half)
+    land = [
+        polygon
+        for box in (Box(-79.5, 16.5, -75, 19.7), Box(177, -19, 181, -16), Box(8, 76.5, 30, 80.5))
+        for polygon in shore.land("gshhg", box).polygons
+    ]
+    tree = shapely.STRtree([shapely.affinity.translate(polygon, turn) for polygon in land for turn in (-360, 0, 360)])
+
+    def touches(size: float) -> np.ndarray:
+        ways = np.arange(0, 360, 5)
+        reach = size / np.maximum(np.abs(np.cos(np.radians(ways))), np.abs(np.sin(np.radians(ways))))
+        rings = []
+        for a, b in zip(x, y, strict=True):
+            to = EARTH.fwd(np.full(72, a), np.full(72, b), ways, reach)
+            rings.append(shapely.Polygon(np.stack([sphere.near_degrees(to[0], a), to[1]], axis=1)))
+        found = np.zeros(len(x), bool)
+        found[tree.query(rings, predicate="intersects")[0]] = True
+        return found
+
+    assert 30 < shut.sum() < 370
+    assert shut[touches(half)].all()
+    assert not shut[~touches(1.15 * half)].any()
+
+
 def test_what_flees_reacts_to_the_path_and_what_another_vessel_does_not_matter_to_it() -> None:
     always = {**SMALL, "method.0.hide": "1", "method.0.change": "0", "method.0.leave": "0"}
     asked = tracking.load("lost_contact", always)
     assert asked.pursuit is not None
     forecast = holding.onward(asked, asked.seed)
-    chase = asked.pursuit
-    lon, lat = np.degrees(chase.start)
+    chased = asked.pursuit
+    lon, lat = np.degrees(chased.start)
     ways = [
-        path.through([chase.begin, chase.times[-1]], *np.radians([[lon, lon + east], [lat, lat + 0.3]]))
+        path.through([chased.begin, chased.times[-1]], *np.radians([[lon, lon + east], [lat, lat + 0.3]]))
         for east in (-0.3, 0.3)
     ]
     (one, weight), (two, same) = (forecast(way) for way in ways)
     np.testing.assert_array_equal(weight, same)
     np.testing.assert_array_equal(one[0], two[0])  # the same particles, until they act
     assert path.degrees(one[-1])[0].mean() > path.degrees(two[-1])[0].mean() + 0.02  # away from it
-    elsewhere = holding.onward(replace(asked, pursuit=replace(chase, start=(0.0, 0.0))), asked.seed)
+    elsewhere = holding.onward(replace(asked, pursuit=replace(chased, start=(0.0, 0.0))), asked.seed)
     np.testing.assert_array_equal(elsewhere(ways[0])[0], elsewhere(ways[1])[0])
 
 

@@ -173,6 +173,7 @@ def test_what_avoids_goes_round_where_that_is_worth_it_and_through_where_not() -
         question = asked(aim="avoid", steps=12, to=to, worth=worth, reach=1 * NMI, speed=15 * KNOT)
         found = pursuit.pursue(question, lambda _: (ways, np.ones(n)))
         met[worth], lasting[worth] = found.met[-1], len(found.path.time)
+        assert max(found.plans) < len(found.met) - 1  # where it has arrived there is nothing to plan
         there = path.degrees(found.path.place[-1])
         away = EARTH.inv(there[0], there[1], *np.degrees(to))[2]
         assert away < 0.01  # m: at the destination itself, and from its cell there at the vessel's speed
