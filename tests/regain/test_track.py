@@ -18,8 +18,10 @@ import drift
 from drift.case import tracking
 from drift.cli import commands
 from drift.regain import chase, files, text
-from drift.regain.record import Chased
-from drift.tracker import holding, path
+from drift.regain.record import Chased, Regained
+from drift.tracker import detections, holding, path
+from drift.tracker.detections import Detections
+from drift.tracker.following import Clouds, World
 from geo import notation, sphere
 from geo.box import Box
 from geo.coast import shore
@@ -413,6 +415,24 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     told = text.facts(drift.track(tmp_path / "c.toml", changes=many))["warning"]
     assert "needs" not in told
     assert "areas go by chance" not in told
+
+
+def test_clouds_that_disagree_on_whether_a_track_is_held_are_told() -> None:
+    """Clouds of one particle, each followed alone by the random numbers of a run of its own: whichever the first, the others are told."""
+    asked = replace(tracking.load("lost_contact", {"particles": "1", "show": "['45 min', '100 min']"}), pursuit=None)
+    held = holding.hold(asked)
+    assert isinstance(asked.target, Detections)
+    told = detections.ordered(asked.sensors, asked.target, asked.tracker, np.array([2700.0, 6000.0]), asked.end)
+    kept = []
+    for run in range(10):
+        alone = Clouds([World(asked.tracker, told)], asked.methods[:1], 1, asked.seed, run=run)
+        kept.append([len(alone.go(time).particles(0, 0, time).weight) > 0 for time in (2700.0, 6000.0)])
+    kept = np.array(kept)
+    assert 0 < kept[1:, 0].sum() < 9
+    said = text.facts(Regained(held))["warning"]
+    for when, own, others in zip(("050245ZMAR26", "050340ZMAR26"), kept[0], kept[1:].T, strict=True):
+        many, what = (9 - others.sum(), "no") if own else (others.sum(), "a")
+        assert (f"at {when} {many} of 9 clouds of other random numbers hold {what} track" in said) == (many > 0)
 
 
 def test_a_path_does_not_change_the_track(tmp_path: Path) -> None:
