@@ -144,7 +144,7 @@ def _numbers(found: Regained, one: Shown) -> dict[str, Any]:
     lon, lat = path.degrees(held.place[k])
     off, slower = text.spread(cloud, held.course[k])
     return {
-        **told, "lat": float(lat), "lon": float(lon), "within": None if np.isnan(held.within[k]) else float(held.within[k]),
+        **told, "lat": float(lat), "lon": float(lon), "within": float(held.within[k]),
         "course_deg": float(np.degrees(held.course[k]) % 360), "speed_kn": float(held.speed[k] / KNOT),
         "particles": int(held.count[k]), "course_spread_deg": float(np.degrees(off)), "speed_std_kn": slower / KNOT,
         "area_nmi2": {notation.percent(share): region.area / NMI**2 for share, region in held.areas[k].items()},
@@ -158,10 +158,9 @@ def _path_numbers(chased: Chased | Failed | None) -> dict[str, Any]:
         return {}
     if isinstance(chased, Failed):
         return {"path": {"found": False, "why": chased.why}}
-    other = chased.judged[-1]
     return {
         "path": {
-            "found": True, "within_reach": chased.found.met[-1], "of_another_cloud": None if np.isnan(other) else other,
+            "found": True, "within_reach": chased.found.met[-1], "of_another_cloud": chased.judged[-1],
             "plans": len(chased.found.plans),
         }
     }  # fmt: skip

@@ -105,6 +105,10 @@ def test_a_path_is_written(tmp_path: Path) -> None:
     assert met == sorted(met)
     assert 20 < met[-1] < 70
     assert rows[0]["planned"] == "yes"
+    missed = replace(found, chased=replace(found.chased, judged=np.full(len(rows), np.nan)))
+    assert "another cloud has lost the track" in text.facts(missed)["path"]
+    assert files.path_table(missed).splitlines()[-1].endswith(",,no")
+    assert files.numbers(missed)["path"]["found"]
     route = ET.parse(tmp_path / "out" / "path.gpx").getroot().findall("g:rte/g:rtept", SPACE)
     assert [float(point.get("lat", "")) for point in route] == pytest.approx(lat, abs=1e-4)
 
