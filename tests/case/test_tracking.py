@@ -105,10 +105,10 @@ def test_other_files_are_refused_by_what_they_are(tmp_path: Path) -> None:
 
 def test_times_to_show_and_the_begin_of_a_path_are_after_the_start_or_dates() -> None:
     """16 and 70 min after 0200Z are 0216Z and, two hours east of Greenwich, 0510."""
-    shown = {"show": "['50 min', '050216ZMAR26', '2026-03-05T05:10+02:00']", "pursuit.begin": "2026-03-05T03:15:00Z"}
+    shown = {"show": "['50 min', '050216ZMAR26', '2026-03-05T05:10+02:00']", "pursuit.begin": "2026-03-05T03:12:00Z"}
     asked = tracking.load("lost_contact", shown)
     assert asked.shown == (960.0, 3000.0, 4200.0)
     assert asked.pursuit is not None
-    assert asked.pursuit.begin == 4500.0
+    assert asked.pursuit.begin == 4320.0
     with pytest.raises(UserError, match="show: 050159ZMAR26 is not within the case, 050200ZMAR26 to 050415ZMAR26"):
         tracking.load("lost_contact", {"show": "['2026-03-05T01:59Z']"})

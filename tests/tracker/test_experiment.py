@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from drift.case import tracking
-from drift.tracker import experiment, figures, path, study
+from drift.tracker import experiment, figures, following, path, study
 from drift.tracker.figures import Figure
 from drift.tracker.records import Behaviour
 from geo import sphere
@@ -171,3 +171,16 @@ def test_the_target_goes_as_it_goes_whatever_figures_are_asked() -> None:
         assert max((way.rate * sphere.RADIUS).max() for way in ways) < 32 * KNOT * 1.001
     np.testing.assert_allclose(speeds[0], speeds[1], rtol=1e-4)
     np.testing.assert_allclose(speeds[0], speeds[2], rtol=1e-4)
+
+
+def test_an_area_holds_the_target_where_less_of_the_cloud_than_its_share_is_denser() -> None:
+    asked = replace(tracking.load("fast_boat"), runs=4, size=300, end=2400.0)
+    found = experiment.run(asked)
+    worlds, _ = study.worlds(asked)
+    level = following.follow(worlds, asked.methods, asked.size, asked.seed, areas=True).level
+    for share in (0.5, 0.9):
+        (curve,) = [one for one in found.curves if one.name == f"in {100 * share:g} % area"]
+        inside = np.where(np.isnan(level), np.nan, np.where(level < share, 100.0, 0.0))
+        assert 0 < np.nanmean(inside) < 100
+        np.testing.assert_array_equal(curve.values, inside)
+        assert curve.right == 100 * share
