@@ -1,5 +1,6 @@
 """What was detected of a target that is rarely seen, from a CSV file, and where its tracker was, from it or a GPX file."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -27,6 +28,13 @@ def _range(value: object) -> float:
     return metres
 
 
+def _with_unit(value: object) -> float:
+    """Return a range [m] that has its unit: a bare number is nautical miles in a CSV file, and would be metres here."""
+    if isinstance(value, int | float) or (isinstance(value, str) and re.fullmatch(r"[\d.\s]*", value)):
+        raise ValueError(f'range {value} has no unit; write it like "9.2 nmi"')
+    return _range(value)
+
+
 def _plotted(value: object) -> float:
     """Return a range [m]; a bare number is nautical miles, as a plot has them."""
     return _range(f"{value!r} nmi" if isinstance(value, float) else value)
@@ -49,8 +57,8 @@ class DetectionTable(fields.Table):
     """By whom."""
     bearing: fields.Direction | None = None
     """True; nothing is told of it by default."""
-    range: Annotated[float, BeforeValidator(_range)] | None = None
-    """Nothing is told of it by default."""
+    range: Annotated[float, BeforeValidator(_with_unit)] | None = None
+    """With its unit; nothing is told of it by default."""
     lat: fields.Latitude | None = None
     """Of the tracker."""
     lon: fields.Longitude | None = None
@@ -81,9 +89,9 @@ class _Log:
             raise ValueError(
                 f"time {self._told(time)} is not within the case, {self._told(0)} to {self._told(self._end)}: change start or duration"
             )
-        if time < self._before:
+        before, self._before = self._before, time
+        if time < before:
             raise ValueError(f"time {self._told(time)} is before that of the one above; put them in order of time")
-        self._before = time
         if row.sensor:
             _check(row, self._names, self._sensors)
         elif row.bearing is not None or row.range is not None:
@@ -178,9 +186,11 @@ def _check(row: DetectionTable, names: list[str], sensors: tuple[Sensor, ...]) -
         )
     sensor = sensors[names.index(row.sensor)]
     if row.range is not None and not 0 <= row.range * (1 - sensor.range_share) <= sensor.reach:
-        raise ValueError(
-            f"range {row.range / NMI:g} nmi is beyond the reach of {sensor.name}, {sensor.reach / NMI:g} nmi"
-        )
+        raise ValueError(f"range {row.range / NMI:.4g} nmi is beyond the reach of {sensor.name}, {_reach(sensor)}")
+
+
+def _reach(sensor: Sensor) -> str:
+    return f"{sensor.reach / NMI:.4g} nmi" if sensor.reach >= 0.1 * NMI else f"{sensor.reach:g} m: write its unit"
 
 
 def _after(time: units.Instant, start: np.datetime64) -> float:

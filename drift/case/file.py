@@ -57,12 +57,22 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also for numbers of 5,000 digits, and 1,000 brackets deep
         raise UserError(_one_line(path, f"not valid TOML: {error}")) from None
+    if is_of_tracking(data):
+        raise UserError(
+            f"{path.name}: is a tracking case: drift track for one with detections, drift experiment for one with a [target]"
+        )
     wrong = Mistakes()
     for key, value in (overrides or {}).items():
         with wrong.gathered():
             override(data, key, value)
         text += f"\n# --set {key}={value}"
     return _validated(data, path, text, wrong)
+
+
+def is_of_tracking(data: Mapping[str, Any]) -> bool:
+    """Return whether tables are of a tracking case (drift.case.tracking), whatever is wrong with them."""
+    other, own = {"scenario", "family", "spill"}, {"target", "detections", "detection", "method", "tracker"}
+    return not other & set(data) and bool(own & set(data))
 
 
 def vary(case: Case, changes: Mapping[str, Any]) -> Case:

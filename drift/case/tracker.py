@@ -109,7 +109,7 @@ def through(time: Array, lon: Array, lat: Array, start: np.datetime64, label: st
     way = path.through(time, lon, lat)
     k = int(way.rate.argmax())
     if way.rate[k] * sphere.RADIUS > FASTEST:
-        before, after = (notation.group(start + np.timedelta64(round(float(t)), "s")) for t in (time[k], time[k + 1]))
+        before, after = (notation.iso(start + np.timedelta64(round(float(t)), "s")) for t in (time[k], time[k + 1]))
         raise UserError(
             f"{label}: from {before} to {after} the tracker would make {way.rate[k] * sphere.RADIUS / KNOT:,.0f} kn; allowed are "
             f"{FASTEST / KNOT:.0f}: check times, latitudes and longitudes there"

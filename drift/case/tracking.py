@@ -27,6 +27,7 @@ from drift.tracker.detections import Detections
 from drift.tracker.pursuit import Pursuit
 from drift.tracker.records import Filling, Plan, Sensor, Tracker
 from drift.tracker.study import Criteria, Scene, Study
+from drift.tracker.study import figures as study_figures
 from geo import notation
 from geo.array import Array
 from geo.errors import UserError
@@ -276,7 +277,7 @@ class TrackingTable(fields.Table):
     detections: str | None = None
     """In place of it, a CSV file of what was detected: `time`, `sensor`, `bearing` (true, degrees), `range` (nmi), and where the tracker was, `lat` and `lon`."""
     detection: list[DetectionTable] = Field(default_factory=list)
-    """The same in this file, in order of time; bare ranges are in metres here."""
+    """The same in this file, in order of time; ranges with their unit."""
     show: list[fields.Moment] = Field(default_factory=list)
     """Of detections: times, after the start or of date and time, at which the cloud is drawn and its areas are told; by default the last detection, the end, and between."""
     tracker: TrackerTable = TrackerTable()
@@ -306,9 +307,7 @@ def is_one(name: str | os.PathLike[str]) -> bool:
         data = tomllib.loads(small.contents(Path(name), LARGEST).decode("utf-8-sig"))
     except (OSError, UserError, ValueError, RecursionError):
         return False
-    return any(key in data for key in ("target", "detections", "detection")) or (
-        "tracker" in data and "scenario" not in data
-    )
+    return case_file.is_of_tracking(data)
 
 
 def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = None) -> Study:
@@ -399,6 +398,12 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
             )
     strange = sorted(set(table.experiment.published) - {method.name for method in table.method})
     wrong.lines += [f'experiment.published: no method "{name}"' for name in strange]
+    figures = study_figures(table.experiment.areas, table.experiment.criteria is not None)
+    for way, told_figures in table.experiment.published.items():
+        wrong.lines += [
+            f'experiment.published "{way}": no figure "{figure}"; there are {", ".join(figures)}, and median before each'
+            for figure in told_figures if way not in strange and figure.removeprefix("median ") not in figures
+        ]  # fmt: skip
     given = [
         name
         for name, one in (("[target]", target), ("detections", table.detections), ("[[detection]]", table.detection))

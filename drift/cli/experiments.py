@@ -15,7 +15,10 @@ def experiment(given: argparse.Namespace) -> Answer:
         changes = take.changed(given.changes)
         if given.seed is not None:
             changes["seed"] = str(given.seed)
-        variants = dict(_variant(text) for text in given.variants)
+        named = [_variant(text) for text in given.variants]
+        if twice := sorted({name for name, _ in named if [other for other, _ in named].count(name) > 1}):
+            raise UserError(f'--with "{twice[0]}": there are two of this name')
+        variants = dict(named)
         out = given.out or Path(f"{Path(given.case).stem}-experiment")
         from drift.cli import progress
         from drift.experiments import command, text

@@ -12,7 +12,8 @@ from drift.maps import page, sheet
 from drift.maps.chart import GREY, INK
 from drift.maps.imprint import Imprint
 from drift.maps.sheet import Row, Sheet
-from drift.tracker.experiment import MET, Outcome
+from drift.tracker.experiment import Outcome
+from drift.tracker.study import MET
 
 WIDTH, PANEL, KEY = 11.7, 2.1, 0.21  # [in] of the page, of a panel with its gap, of a line of the key
 COLOURS = ("#0b4f8a", "#b3261e", "#1b5e20", "#8a5a00", "#6a3d9a", "#00838f", "#37474f", "#c2185b")
@@ -112,13 +113,14 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
             axes.set_xlabel("Minutes after the start", fontsize=9, color=INK)
     if met is not None:
         axes = _panel(on, height, over + 0.3, panels - 1, "Criteria met [% of runs]")
-        last = max(float(np.nanquantile(met.values, 0.99)) if np.isfinite(met.values).any() else 1.0, 0.1)
+        ended = met.values[np.isfinite(met.values)]
+        last = max(float(np.quantile(ended, 0.99)) if ended.size else 1.0, 0.1)
         for group, (colour, dash) in zip(groups, styles, strict=True):
             times = np.sort(met.values[group[0]][np.isfinite(met.values[group[0]])])
             share = 100 * np.arange(1, len(times) + 1) / asked.runs
             axes.step(
-                np.append(0, times),
-                np.append(0, share),
+                np.concatenate([[0], times, [max(last, times.max(initial=0.0))]]),
+                np.concatenate([[0], share, share[-1:] if share.size else [0]]),
                 where="post",
                 color=colour,
                 linestyle=dash,
@@ -129,9 +131,12 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
         axes.set_xlim(0, last)
         axes.set_ylim(0, 100)
         axes.set_xlabel("Minutes after the start", fontsize=9, color=INK)
-    if asked.published:
-        mark = axes.plot([], [], marker="<" if met is None else "v", color=GREY, linestyle="none")[0]
-        symbols.append((mark, "as published: the mean" if met is None else "as published: the median"))
+    names = {name for figures in asked.published.values() for name in figures}
+    for marker, some, what in (("<", names - {f"median {MET}"}, "mean"), ("v", names & {f"median {MET}"}, "median")):
+        if some:
+            symbols.append(
+                (axes.plot([], [], marker=marker, color=GREY, linestyle="none")[0], f"as published: the {what}")
+            )
     if np.isfinite(asked.window[1]) or asked.window[0] > 0:
         symbols.append(
             (axes.axvspan(np.nan, np.nan, color="#e8eef4"), "over which the figures of the table are averaged")

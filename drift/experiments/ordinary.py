@@ -27,19 +27,23 @@ def run(
     changes: of the case in all runs, and variants: further ones by name, as overrides of drift.load. paths: of numbers in
     summary.json, like "outputs.-1.area_nmi2.95%", * for all of a table; () for the usual ones. Raises UserError.
     """
+    if AS_IT_IS in variants:
+        raise UserError(f'--with "{AS_IT_IS}": so the case is called without changes; take another name')
+    if seeded := [way for way, own in variants.items() if "seed" in own]:
+        raise UserError(f'--with "{seeded[0]}": seed is of all variants, whose random numbers are common; give --seed')
     first = case_file.load(name, changes)
-    ways = {AS_IT_IS: {}, **variants}
+    ways: dict[str, Mapping[str, str]] = {AS_IT_IS: {}, **variants}
     for own in variants.values():  # all that is wrong is told before the first run
         case_file.load(name, {**changes, **own})
     rows: list[list[dict[str, float]]] = []
     done = 0
-    for own in ways.values():
+    for way, own in ways.items():
         rows.append([])
         for number in range(runs):
             case = case_file.load(name, {**changes, **own, "seed": str(first.seed + number)})
             result = flow.run(case, backend=backend, threads=threads)
             summary = {**tables.numbers(result.forecast, result.setting.opens), **result.summary}
-            rows[-1].append(dict(_found(summary, paths)))
+            rows[-1].append(dict(_found(summary, paths, way)))
             done += 1
             tell("running", done / (runs * len(ways)))
     names = list(dict.fromkeys(path for way in rows for one in way for path in one))
@@ -53,8 +57,8 @@ def run(
     )  # fmt: skip
 
 
-def _found(summary: Mapping[str, Any], paths: Sequence[str]) -> Iterator[tuple[str, float]]:
-    """Give the numbers that are asked for, by their paths; of the usual ones those that there are."""
+def _found(summary: Mapping[str, Any], paths: Sequence[str], way: str) -> Iterator[tuple[str, float]]:
+    """Give the numbers that are asked for, by their paths; of the usual ones those that there are; way: whose summary it is."""
     every = dict(numbers(summary))
     for path in paths or USUAL:
         if path.endswith("*"):
@@ -64,7 +68,7 @@ def _found(summary: Mapping[str, Any], paths: Sequence[str]) -> Iterator[tuple[s
         if paths and not own:
             near = difflib.get_close_matches(path, every, n=NAMED, cutoff=0.4) or list(every)[:NAMED]
             raise UserError(
-                f'--figure "{path}": no such number in the summary of this case; some are: {", ".join(near)}'
+                f'--figure "{path}": no such number in the summary of this case, {way}; some are: {", ".join(near)}'
             )
         yield from own.items()
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from drift.experiments.record import Experiment
 from drift.output import formats
-from drift.tracker.experiment import MET
 from drift.tracker.figures import QUANTILES
+from drift.tracker.study import HELD, MET
 
 
 def alike(found: Experiment, curves: bool = False) -> list[list[int]]:
@@ -38,11 +38,15 @@ def facts(found: Experiment) -> Mapping[str, str]:
         parts = []
         for figure in found.figures:
             mean, error, missing = (row[group[0]] for row in (figure.mean(), figure.error(), figure.missing()))
-            if figure.name == "track held" and mean == 100.0:
+            if figure.name == HELD and mean == 100.0:
                 continue
             words = " ".join([figure.name, *_told(mean, error), figure.unit]).rstrip()
-            if figure.name == MET:  # a few runs that take long make its mean
-                words += f", median {figure.quantiles()[group[0], QUANTILES.index(0.5)]:.3g}"
+            if figure.name == MET:  # a few runs that take long make its mean, and one that never does has none
+                middle = figure.quantiles()[group[0], QUANTILES.index(0.5)]
+                median = f"median {middle:.3g}" if np.isfinite(middle) else "median never"
+                words = f"{words}, {median}" if np.isfinite(mean) else f"{figure.name} {median} {figure.unit}"
+                parts.append(words + f" (never in {missing} of {found.runs} runs)" * bool(missing))
+                continue
             parts.append(words + f" (none in {missing} runs)" * bool(missing))
         told[called(found, group)] = "; ".join(parts)
     return told

@@ -80,6 +80,7 @@ def _warnings(found: Regained) -> list[str]:
             told.append(
                 f"{sensor.name} was off when it detected something at {notation.group(moment(found, seen.time[k]))}: check when it is on"
             )
+    told += _strayed(found)
     if rough := [words for one in held.shown for words in _rough(found, one)]:
         told.append(f"areas go by chance: {', '.join(rough)}: take more particles, or take them as rough")
     for one in held.shown:
@@ -101,6 +102,18 @@ def _warnings(found: Regained) -> list[str]:
     if isinstance(found.chased, Failed):
         told.append(f"no path: {found.chased.why}")
     return told
+
+
+def _strayed(found: Regained) -> list[str]:
+    """Return between which times the tracker's log has it go far faster than it mostly does."""
+    way = found.held.study.tracker
+    speed = way.rate * sphere.RADIUS / KNOT
+    usual = float(np.median(speed[speed > 1.0])) if (speed > 1.0).sum() > 2 else np.inf
+    return [
+        f"the tracker would make {speed[k]:,.0f} kn from {notation.iso(moment(found, way.time[k]))} to {notation.iso(moment(found, way.time[k + 1]))}, "
+        f"mostly it makes {usual:,.0f} kn: check its latitudes and longitudes there"
+        for k in np.flatnonzero((speed > 2.5 * usual) & (speed > 20.0))
+    ]  # fmt: skip
 
 
 def _rough(found: Regained, one: Shown) -> list[str]:

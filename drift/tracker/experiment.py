@@ -13,8 +13,6 @@ from geo.array import Array
 from geo.notation import KNOT, NMI
 from kernels.coast import DeviceCoast
 
-MET = "time to criteria"
-
 
 @dataclass(frozen=True)
 class Outcome:
@@ -61,7 +59,7 @@ def _curves(asked: Study, errors: Errors, levels: Array) -> tuple[Curve, ...]:
     ]
     for share in asked.areas:
         inside = np.where(np.isfinite(levels), levels < share, np.nan)
-        curves.append(Curve(f"in {100 * share:g} % area", "%", 100 * inside, 100 * share))
+        curves.append(Curve(study.in_area(share), "%", 100 * inside, 100 * share))
     return tuple(curves)
 
 
@@ -72,10 +70,10 @@ def _figures(
     inside = (moments >= asked.window[0]) & (moments <= asked.window[1])
     figures = [of_times(curve.name, curve.unit, curve.values[..., inside]) for curve in curves]
     held = np.isfinite(curves[0].values[..., inside])
-    figures.insert(3, Figure("track held", "%", 100 * held.mean(axis=-1)))
+    figures.insert(3, Figure(study.HELD, "%", 100 * held.mean(axis=-1)))
     if asked.criteria is not None:
         near = (errors.position < asked.criteria.position) & (errors.course < asked.criteria.course)
         near &= errors.speed < asked.criteria.speed
         first = np.take_along_axis(np.broadcast_to(times, near.shape), near.argmax(axis=-1)[..., None], axis=-1)[..., 0]
-        figures.append(Figure(MET, "min", np.where(near.any(axis=-1), first, np.nan) / 60))
+        figures.append(Figure(study.MET, "min", np.where(near.any(axis=-1), first, np.inf) / 60))
     return tuple(figures)

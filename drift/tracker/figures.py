@@ -9,6 +9,7 @@ import numpy as np
 from geo.array import Array
 
 QUANTILES = (0.1, 0.5, 0.9)
+ENDLESS = 1e30  # stands for inf among numbers that are ranked
 
 
 @dataclass(frozen=True)
@@ -17,37 +18,46 @@ class Figure:
 
     name: str
     unit: str
-    values: Array  # (ways of following, runs); NaN: that run has none
+    values: (
+        Array  # (ways of following, runs); NaN: that run has none; inf: it came to no end, as a time to what never came
+    )
     apart: Array | None = (
         None  # differences from the first way (ways, runs), where more is known of them than the values tell
     )
 
     def mean(self) -> Array:
-        """Return the mean over the runs that have one (ways of following,)."""
-        return over(np.nanmean, self.values)
+        """Return the mean over the runs that have one (ways of following,); NaN where one came to no end."""
+        return over(np.nanmean, self._ended)
 
     def error(self) -> Array:
-        """Return the standard error of the mean (ways of following,); NaN of fewer than two runs."""
-        many = np.isfinite(self.values).sum(axis=1)
+        """Return the standard error of the mean (ways of following,); NaN of fewer than two runs, and where one came to no end."""
+        many = np.isfinite(self._ended).sum(axis=1)
         spread = np.array(
-            [np.nanstd(row, ddof=1) if n > 1 else np.nan for row, n in zip(self.values, many, strict=True)]
+            [np.nanstd(row, ddof=1) if n > 1 else np.nan for row, n in zip(self._ended, many, strict=True)]
         )
         return np.asarray(spread / np.sqrt(np.maximum(many, 1)))
 
     def quantiles(self) -> Array:
-        """Return the QUANTILES over the runs that have one (ways of following, quantiles)."""
-        return np.stack([over(partial(np.nanquantile, q=share), self.values) for share in QUANTILES], axis=1)
+        """Return the QUANTILES over the runs that have one (ways of following, quantiles); NaN where that is of one without an end."""
+        ranked = np.where(np.isinf(self.values), ENDLESS, self.values)
+        found = np.stack([over(partial(np.nanquantile, q=share), ranked) for share in QUANTILES], axis=1)
+        return np.where(found < ENDLESS * 1e-9, found, np.nan)
 
     def missing(self) -> Array:
-        """Return in how many runs there is none (ways of following,)."""
-        return np.asarray(np.isnan(self.values).sum(axis=1))
+        """Return in how many runs there is none, or no end (ways of following,)."""
+        return np.asarray((~np.isfinite(self.values)).sum(axis=1))
+
+    @property
+    def _ended(self) -> Array:
+        """Return the values, NaN in all runs of a way where one came to no end: a mean of the others would praise who fails."""
+        return np.where(np.isinf(self.values).any(axis=1, keepdims=True), np.nan, self.values)
 
     def difference(self) -> tuple[Array, Array]:
         """Return (mean, standard error) of the difference from the first way, run by run, each (ways of following,).
 
         Runs share their random numbers, so that it errs by less than two means do.
         """
-        apart = Figure(self.name, self.unit, self.values - self.values[0] if self.apart is None else self.apart)
+        apart = Figure(self.name, self.unit, self._ended - self._ended[0] if self.apart is None else self.apart)
         return apart.mean(), apart.error()
 
 

@@ -8,7 +8,7 @@ from drift.tracker import path
 from drift.tracker.detections import Detections
 from drift.tracker.pursuit import Pursuit
 from drift.tracker.records import Behaviour, Plan, Sensor, Tracker
-from drift.tracker.study import Scene, Study
+from drift.tracker.study import Scene, Study, figures
 from geo import notation, sphere
 from geo.array import Array
 from geo.notation import KNOT, NMI
@@ -22,7 +22,13 @@ def facts(study: Study) -> dict[str, str]:
     told["cloud"] = f"{study.size:,} particles, seed {study.seed}"
     if isinstance(study.target, Scene):
         told["target"] = _target(study.target)
-        told["runs"] = f"{study.runs:,}"
+        low, high = study.window
+        over = (
+            ""
+            if low <= 0 and high >= study.end
+            else f", over {notation.lasting(low)} to {notation.lasting(min(high, study.end))}"
+        )
+        told["runs"] = f"{study.runs:,}: {', '.join(figures(study.areas, study.criteria is not None))}{over}"
     else:
         told["detections"] = _detections(study, study.target)
     told["land"] = "particles turn at the shore (GSHHG)" if study.minds_land else "particles pass over it"

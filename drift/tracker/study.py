@@ -1,5 +1,6 @@
 """What a tracking case asks: who is followed by whom, in which ways, and its worlds."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -60,6 +61,18 @@ class Study:
 
 
 AFTER = 0.5  # [s]
+MET, HELD = "time to criteria", "track held"  # figures of a run
+
+
+def figures(areas: Sequence[float], criteria: bool) -> list[str]:
+    """Return the names of what is taken of each run; areas: shares, criteria: whether a time to them is asked for."""
+    held = [in_area(share) for share in areas]
+    return [*(f"{what} error" for what in ("position", "course", "speed")), HELD, *held, *([MET] if criteria else [])]
+
+
+def in_area(share: float) -> str:
+    """Return what it is called how often the area of a share holds the target."""
+    return f"in {100 * share:g} % area"
 
 
 def marks(study: Study) -> Array:

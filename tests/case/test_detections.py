@@ -100,7 +100,7 @@ lon = -76.93
 [[detection]]
 time = "2026-03-05T00:40:30Z"
 sensor = "radar"
-range = 7000
+range = "7 km"
 lat = 14.15
 lon = -76.9
 """
@@ -120,8 +120,10 @@ def test_detections_in_the_case_are_those_of_a_file(tmp_path: File) -> None:
     [
         ('"+10 min"', '"+30 s"', "detection 2: time 2026-03-05T00:00:30Z is before that of the one above"),
         ('"ears"', '"nose"', 'detection 2: no [[sensor]] "nose"; there are radar, ears'),
-        ('"9.2 nmi"', "-9.2", "detection 1.range: range -9.2 must be above 0"),
-        ('"9.2 nmi"', "9.2e4", "detection 1: range 49.676 nmi is beyond the reach of radar, 18 nmi"),
+        ('"9.2 nmi"', '"-9.2 nmi"', "detection 1.range: range -9.2 nmi must be above 0"),
+        ('"9.2 nmi"', "9.2", 'detection 1.range: range 9.2 has no unit; write it like "9.2 nmi"'),
+        ('"9.2 nmi"', '"9.2"', 'detection 1.range: range 9.2 has no unit; write it like "9.2 nmi"'),
+        ('"9.2 nmi"', '"49.676 nmi"', "detection 1: range 49.68 nmi is beyond the reach of radar, 18 nmi"),
         ("bearing = 350", "course = 350", 'detection 2: unknown key "course"'),
         ('lat = "14 00.0N"\nlon = "077 00.0W"\n', "", "detection: nobody says where the tracker was at the first"),
     ],
@@ -190,7 +192,7 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
         (CASE + STANDS, "PK\x03\x04 and more", "d.csv: is a spreadsheet; save it as CSV"),
         (CASE + STANDS, PLAIN.replace("9.6", "far"), "line 3: range: "),
         (CASE, ROWS.replace("14 00.0N, 077 00.0W", ","), "nobody says where the tracker was at the first"),
-        (CASE, ROWS.replace("14 03.1N", "17 03.1N"), "from 050001ZMAR26 to 050010ZMAR26 the tracker would make 1,222 kn; allowed are 292"),
+        (CASE, ROWS.replace("14 03.1N", "17 03.1N"), "from 2026-03-05T00:01:00Z to 2026-03-05T00:10:00Z the tracker would make 1,222 kn; allowed are 292"),
         (CASE, ROWS.replace("-76.93", ""), "line 4: lat and lon go together"),
         (CASE + STANDS, ROWS, "the file of detections says where it was (lat, lon); leave at"),
         (CASE.replace('detections = "d.csv"', 'detections = "e.csv"') + STANDS, PLAIN, "detections: "),

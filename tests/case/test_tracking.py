@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import drift
 from drift.case import tracking
 from geo.errors import UserError
 
@@ -52,6 +53,7 @@ def test_a_good_case_is_read(tmp_path: Path) -> None:
     [
         ('duration = "1 h"', 'duration = "1 h"\ngrace = "5 min"', 'unknown key "grace"; it is a key of [[sensor]]. Allowed: title, start,'),
         ('duration = "1 h"', 'duration = "1 h"\nwindow = 3', 'unknown key "window"; it is a key of [experiment]. Allowed: title,'),
+        ("change = 0.5", 'change = 0.5\n[experiment.published.m]\n"position eror" = 2.5', 'experiment.published "m": no figure "position eror"; there are position error, course'),
         ('reach = "10 nmi"', 'reach = "10 nmi"\nseed = 3', 'sensor "eyes": unknown key "seed"; it is a key of the file itself, above its first [table]. Allowed: name,'),
         ("range_ambiguity = 0.3", "range_ambiguity = 1.2", "range_ambiguity: 1.2 must be a share of the range, 0 (exact) to 1"),
         ("bearing_ambiguity = 1.5", "bearing_ambiguity = 200", "must be above 0 and at most 180 degrees"),
@@ -112,3 +114,12 @@ def test_times_to_show_and_the_begin_of_a_path_are_after_the_start_or_dates() ->
     assert asked.pursuit.begin == 4320.0
     with pytest.raises(UserError, match="show: 050159ZMAR26 is not within the case, 050200ZMAR26 to 050415ZMAR26"):
         tracking.load("lost_contact", {"show": "['2026-03-05T01:59Z']"})
+
+
+@pytest.mark.parametrize("key", ["detectons", "Detections"])
+def test_a_tracking_case_is_known_by_its_ways_of_following_whatever_else_is_wrong(key: str, tmp_path: Path) -> None:
+    text = GOOD[: GOOD.index("[target]")] + f'{key} = "x.csv"\n' + GOOD[GOOD.index("[tracker]") :]
+    (tmp_path / "c.toml").write_text(text, encoding="utf-8")
+    assert tracking.is_one(tmp_path / "c.toml")
+    with pytest.raises(UserError, match=r"c\.toml: is a tracking case: drift track for one with detections"):
+        drift.load(tmp_path / "c.toml")

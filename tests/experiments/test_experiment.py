@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import drift
+from drift.cli import commands
 from drift.experiments import command, ordinary, text
 from drift.tracker.figures import Figure
 from geo.errors import UserError
@@ -79,8 +80,10 @@ def test_differences_are_of_runs_that_share_their_numbers() -> None:
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ({"figures": ["outputs.-1.area_nmi2.94%"]}, "no such number in the summary of this case; some are: outputs.-1.area_nmi2.95%"),
+        ({"figures": ["outputs.-1.area_nmi2.94%"]}, "no such number in the summary of this case, as it is; some are: outputs.-1.area_nmi2.95%"),
         ({"variants": {"x": {"duration": "1 parsec"}}}, "duration"),
+        ({"variants": {"as it is": {"particles": "100"}}}, '--with "as it is": so the case is called without changes; take another name'),
+        ({"variants": {"a": {"seed": "9"}}}, '--with "a": seed is of all variants, whose random numbers are common; give --seed'),
         ({"runs": 0}, "--runs 0 must be at least 1"),
     ],
 )  # fmt: skip
@@ -90,6 +93,22 @@ def test_what_cannot_be_run_is_refused_before_the_first_or_after_one(
     with pytest.raises(UserError) as told:
         command.experiment(case, tmp_path / "out", **{"runs": 2, **asked})  # type: ignore[arg-type]
     assert words in str(told.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_variants_of_one_name_are_refused(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = [
+        "experiment",
+        case,
+        "--with",
+        "a: particles=100",
+        "--with",
+        "a: particles=200",
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    assert commands.main(words) == 2
+    assert '--with "a": there are two of this name' in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

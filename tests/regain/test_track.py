@@ -439,6 +439,17 @@ def test_clouds_that_disagree_on_whether_a_track_is_held_are_told() -> None:
         assert (f"at {when} {many} of 9 clouds of other random numbers hold {what} track" in said) == (many > 0)
 
 
+def test_a_tracker_that_leaps_is_told(tmp_path: Path) -> None:
+    """One latitude ten minutes off: 10 nmi more in 5 min and back, about 144 kn where it makes 25 mostly."""
+    log = (Path(drift.__file__).parents[1] / "cases" / "tracking" / "lost_contact.csv").read_text(encoding="utf-8")
+    (tmp_path / "d.csv").write_text(log.replace("14 02.569N", "14 12.569N"), encoding="utf-8")
+    told = text.facts(drift.track("lost_contact", changes={**SMALL, "detections": f"'{tmp_path / 'd.csv'}'"}))[
+        "warning"
+    ]
+    assert "kn from 2026-03-05T02:05:00Z to 2026-03-05T02:10:00Z, mostly it makes 24 kn: check its latitudes" in told
+    assert "would make" not in text.facts(drift.track("lost_contact", changes=SMALL)).get("warning", "")
+
+
 def test_a_path_does_not_change_the_track(tmp_path: Path) -> None:
     """With a log that knows the vessel to where it begins the track is the same, bit for bit, with a pursuit and without."""
     case = (Path(drift.__file__).parents[1] / "cases" / "tracking" / "lost_contact.toml").read_text(encoding="utf-8")
