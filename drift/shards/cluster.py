@@ -46,7 +46,7 @@ def connected(workers: int | None, address: str | None) -> Iterator[Any]:
             stack.callback(log.setLevel, log.level)
             log.setLevel(logging.CRITICAL)
         if workers is not None:
-            local = distributed.LocalCluster(
+            address = distributed.LocalCluster(
                 n_workers=workers,
                 local_directory=stack.enter_context(
                     tempfile.TemporaryDirectory(prefix="drift-", ignore_cleanup_errors=True)
@@ -56,7 +56,7 @@ def connected(workers: int | None, address: str | None) -> Iterator[Any]:
                 dashboard_address="127.0.0.1:0",
                 silence_logs=50,
             )
-            address = stack.enter_context(local)
+            stack.callback(_close, address)
         try:
             if workers is None and not str(address).startswith("ucx"):
                 distributed.comm.get_address_host_port(address)  # a client of no address would close for a minute
@@ -64,6 +64,12 @@ def connected(workers: int | None, address: str | None) -> Iterator[Any]:
         except (OSError, TimeoutError, ValueError) as error:
             raise UserError(f"--cluster {address}: no cluster answers there ({_line(error)})") from error
         yield client
+
+
+def _close(local: Any) -> None:
+    """End a local cluster; what does not end in time does so with this process, whose results are written by now."""
+    with contextlib.suppress(Exception):
+        local.close(timeout=PATIENCE)
 
 
 def _dask() -> Any:
@@ -101,7 +107,9 @@ def workers_of(client: Any) -> Workers:
 def _asked(client: Any, function: Callable[..., Any], *given: Any) -> dict[str, Any]:
     """Return what all workers answer, by address, but those that are lost meanwhile."""
     told, lost = {}, (_dask().comm.CommClosedError, ConnectionError, TimeoutError)
-    for address, answer in client.run(function, *given, on_error="return").items():
+    # client.run would wait for ever for a machine that hangs.
+    answers = client.sync(client._run, function, *given, on_error="return", callback_timeout=WAIT)
+    for address, answer in answers.items():
         if isinstance(answer, lost) or (type(answer) is OSError and answer.errno is None):
             continue  # nobody answers there: what it had to do others do
         if isinstance(answer, Exception):

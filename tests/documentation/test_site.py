@@ -11,7 +11,7 @@ from urllib.parse import unquote, urlsplit
 import pytest
 from places import ROOT
 
-pytestmark = pytest.mark.documentation
+pytestmark = [pytest.mark.documentation, pytest.mark.timeout(1800)]
 
 ASKED = {("script", "src"), ("img", "src"), ("link", "href"), ("iframe", "src"), ("source", "src"), ("video", "src")}
 QUIET = {"canonical", "search", "next", "prev", "index", "genindex", "alternate"}  # links that no browser fetches

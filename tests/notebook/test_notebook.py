@@ -12,7 +12,7 @@ from places import ROOT
 
 nbclient = pytest.importorskip("nbclient", reason="needs the extra `notebook`")
 nbformat = pytest.importorskip("nbformat", reason="needs the extra `notebook`")
-pytestmark = pytest.mark.documentation
+pytestmark = [pytest.mark.documentation, pytest.mark.timeout(1800)]
 
 SMALL = """
 title = "small"

@@ -1,5 +1,6 @@
 """Workers of a dask cluster write the same as one process; what they lose is done again; what cannot be is one line."""
 
+import asyncio
 import contextlib
 import importlib
 import json
@@ -293,6 +294,37 @@ def test_a_worker_that_dies_while_all_are_asked_is_no_fault(client: Any) -> None
         os.kill(max(client.run(os.getpid, on_error="ignore").values()), signal.SIGKILL)
         cluster.check(client)
         assert cluster.workers_of(client).count in (1, 2)
+
+
+def test_a_worker_that_hangs_is_not_waited_for_for_ever(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes the question, and never answers."""
+    client.wait_for_workers(2, timeout=60)
+    hangs = max(client.run(os.getpid, on_error="ignore").values())
+    monkeypatch.setattr(cluster, "WAIT", 1)
+    os.kill(hangs, signal.SIGSTOP)
+    try:
+        with pytest.raises(drift.UserError, match=r"^the cluster is lost \(.*\); nothing is kept yet$"):
+            cluster.workers_of(client)
+    finally:
+        os.kill(hangs, signal.SIGCONT)
+
+
+def test_a_local_cluster_that_does_not_end_is_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Slow(distributed.LocalCluster):
+        wait = 3600.0
+
+        async def _close(self) -> None:
+            await asyncio.sleep(self.wait)
+            await super()._close()
+
+    monkeypatch.setattr(distributed, "LocalCluster", Slow)
+    monkeypatch.setattr(cluster, "PATIENCE", 5)
+    with cluster.connected(1, None) as client:
+        left = client.cluster
+    assert left.status.name == "running"
+    left.wait = 0.0
+    left.close(timeout=60)
+    assert left.status.name == "closed"
 
 
 def test_a_worker_that_cannot_answer_is_refused(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
