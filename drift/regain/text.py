@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drift.regain.record import Chased, Failed, Regained
-from drift.tracker import detections, holding, path
+from drift.tracker import doubts, holding, path
 from drift.tracker.density import Region
 from drift.tracker.detections import Detections
 from drift.tracker.following import Particles
@@ -63,24 +63,7 @@ def _lost(found: Regained, losses: Sequence[Loss]) -> str:
 def _warnings(found: Regained) -> list[str]:
     """Return what must be doubted: plots that no target made, areas by chance, ways of following that are left out, no path."""
     held, study = found.held, found.held.study
-    seen, law = study.target, study.methods[0]
-    assert isinstance(seen, Detections)
-    told = []
-    for time, speed in zip(*detections.needed(study.sensors, seen, study.tracker), strict=True):
-        if speed > law.behaviour.fastest * 1.001:
-            when = notation.group(moment(found, time))
-            told.append(
-                f"the plot of {when} needs {speed / KNOT:,.0f} kn from the one before, fastest is {law.behaviour.fastest / KNOT:.3g} kn: "
-                "check its bearing and range"
-            )
-    for k, number in enumerate(seen.sensor):
-        sensor = study.sensors[number]
-        # One that is never on is one whose silence is not to count.
-        if not sensor.hears and np.isfinite(sensor.on.begin) and not sensor.on.includes(float(seen.time[k])):
-            told.append(
-                f"{sensor.name} was off when it detected something at {notation.group(moment(found, seen.time[k]))}: check when it is on"
-            )
-    told += _strayed(found)
+    told = doubts.of(study)
     if rough := [words for one in held.shown for words in _rough(found, one)]:
         told.append(f"areas go by chance: {', '.join(rough)}: take more particles, or take them as rough")
     for one in held.shown:
@@ -91,7 +74,7 @@ def _warnings(found: Regained) -> list[str]:
                 f"{'a' if one.cloud is None else 'no'} track: it hangs by chance, take more particles"
             )
     if len(study.methods) > 1:
-        told.append(f'followed by "{law.name}" alone, the first of {len(study.methods)} ways')
+        told.append(f'followed by "{study.methods[0].name}" alone, the first of {len(study.methods)} ways')
     silenced = [loss.time for loss in held.lost if loss.sensors]  # in the second of a detection, perhaps
     nothing = held.time[held.detected & np.isnan(held.place[:, 0]) & ~np.isin(held.time, silenced)]
     if nothing.size:
@@ -102,18 +85,6 @@ def _warnings(found: Regained) -> list[str]:
     if isinstance(found.chased, Failed):
         told.append(f"no path: {found.chased.why}")
     return told
-
-
-def _strayed(found: Regained) -> list[str]:
-    """Return between which times the tracker's log has it go far faster than it mostly does."""
-    way = found.held.study.tracker
-    speed = way.rate * sphere.RADIUS / KNOT
-    usual = float(np.median(speed[speed > 1.0])) if (speed > 1.0).sum() > 2 else np.inf
-    return [
-        f"the tracker would make {speed[k]:,.0f} kn from {notation.iso(moment(found, way.time[k]))} to {notation.iso(moment(found, way.time[k + 1]))}, "
-        f"mostly it makes {usual:,.0f} kn: check its latitudes and longitudes there"
-        for k in np.flatnonzero((speed > 2.5 * usual) & (speed > 20.0))
-    ]  # fmt: skip
 
 
 def _rough(found: Regained, one: Shown) -> list[str]:

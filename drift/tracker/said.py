@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from drift.tracker import path
+from drift.tracker import doubts, path
 from drift.tracker.detections import Detections
 from drift.tracker.pursuit import Pursuit
 from drift.tracker.records import Behaviour, Plan, Sensor, Tracker
@@ -41,7 +41,8 @@ def facts(study: Study) -> dict[str, str]:
             f"to {chase.aim} it, from {notation.position(*np.degrees(chase.start))} at {_moment(study, chase.begin)}{_goal(chase)}, "
             f"{chase.steps} looks every {notation.lasting(chase.interval)}, {chase.speed / KNOT:g} kn, within {chase.reach / NMI:g} nmi"
         )
-    return told
+    doubted = doubts.of(study)
+    return {**told, "warning": "; ".join(doubted)} if doubted else told
 
 
 def _goal(chase: Pursuit) -> str:

@@ -19,7 +19,7 @@ from drift.case import tracking
 from drift.cli import commands
 from drift.regain import chase, files, text
 from drift.regain.record import Chased, Regained
-from drift.tracker import detections, holding, path
+from drift.tracker import detections, holding, path, said
 from drift.tracker.detections import Detections
 from drift.tracker.following import Clouds, World
 from geo import notation, sphere
@@ -400,6 +400,14 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     assert f"the plot of 050005ZMAR26 needs {speed:,.0f} kn from the one before, fastest is 32 kn" in told
     assert "areas go by chance: that of " in told
     assert 'followed by "first" alone, the first of 2 ways' in told
+    checked = said.facts(tracking.load(tmp_path / "c.toml"))["warning"]  # before it is followed too
+    assert checked.startswith(f"the plot of 050005ZMAR26 needs {speed:,.0f} kn")
+    assert "areas" not in checked
+    twice = "time,sensor,bearing,range\n+2 min,radar,80,8\n+2 min,radar,80,8\n+2 min,radar,80,7.9\n"
+    (tmp_path / "d.csv").write_text(twice, encoding="utf-8")
+    assert said.facts(tracking.load(tmp_path / "c.toml"))["warning"] == (
+        "the plot of 050002ZMAR26 by radar stands 2 times: check for one that is missing"
+    )
     (tmp_path / "d.csv").write_text(
         "time,sensor,bearing,range\n+2 min,radar,80,8\n+12 min,radar,70,8\n", encoding="utf-8"
     )
