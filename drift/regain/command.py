@@ -26,8 +26,8 @@ def track(
     """Return the track of a target by the detections there are, and its areas.
 
     name: of a tracking case with `detections`, or its file. out: a folder for the track, its areas and a picture, all or
-    none; where there is no path to be had the rest is written, and `chased` says why. changes: as --set has them. tell: takes what is being done, and the share of it that is done. Raises UserError
-    for all that the user can mend.
+    none; where there is no path to be had the rest is written, and `chased` says why. changes: as --set has them. tell:
+    takes what is being done, and the share of it that is done. Raises UserError for all that the user can mend.
     """
     folder = None if out is None else Path(out)
     if folder is not None:

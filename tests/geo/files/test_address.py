@@ -180,7 +180,10 @@ def test_a_server_that_falls_silent_between_slices_is_one_line() -> None:
     with hostile.serving(answer) as url:
         source = sources.open_source("current", url, timeout=SHORT)
         quiet.set()
-        with pytest.raises(UserError, match=r"did not answer for 1 s .*; set \[\[current\]\] files"):
+        # The process that reads gives up after as long as this one does: which of the two says so is a matter of load.
+        with pytest.raises(
+            UserError, match=r"^[^\n]*did not answer for 1 s[^\n]*; set \[\[current\]\] files or timeout$"
+        ):
             source.read(3)
         quiet.clear()
         assert np.isfinite(source.read(3)).any()
