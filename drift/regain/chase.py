@@ -1,6 +1,7 @@
 """The path that a case asks for: around the land there is, on the cloud that its detections leave."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,8 @@ import shapely
 from drift.environment import coastline
 from drift.environment.environment_spec import Coast
 from drift.regain.record import Chased, Failed
-from drift.tracker import holding, pursuit
-from drift.tracker.pursuit import Closed, Pursuit
+from drift.tracker import holding, path, pursuit
+from drift.tracker.pursuit import Pursuit
 from drift.tracker.study import Study
 from geo import notation, sphere
 from geo.array import Array
@@ -18,6 +19,8 @@ from geo.box import Box
 from geo.errors import UserError
 from kernels import noise
 from kernels.coast import DeviceCoast
+
+PARTS = 16  # of a leg: straight lines on the chart in its place are 0.2 m off for 20 nmi along 60 degrees of latitude
 
 Land = Callable[[Box], Any]  # returns the polygons of land in a box [deg]
 
@@ -32,11 +35,11 @@ def check(asked: Study, land: Land) -> None:
     chase = asked.pursuit
     if chase is None:
         return
-    closed, wrong = closing(chase, land), []
+    shore, wrong = of(chase, land), []
     for what, place in (("the vessel begins", chase.start), ("the destination is", chase.to)):
         if place is not None:
             lon, lat = np.degrees(place)
-            if closed(np.array([lon]), np.array([lat]), 0.0)[0]:
+            if shore.in_squares(np.array([lon]), np.array([lat]), 0.0)[0]:
                 wrong.append(
                     f"{asked.name}.toml: pursuit: {what} on land, at {notation.position(float(lon), float(lat))}"
                 )
@@ -50,28 +53,49 @@ def chased(asked: Study, land: Land, coast: DeviceCoast | None) -> Chased | Fail
     if chase is None:
         return None
     try:
-        found = pursuit.pursue(chase, holding.onward(asked, asked.seed, coast), closing(chase, land))
+        found = pursuit.pursue(chase, holding.onward(asked, asked.seed, coast), of(chase, land))
     except ValueError as error:  # the cloud may be lost, and land may lie between: the track is known all the same
         return Failed(str(error))
     other = holding.onward(asked, noise.seed_for(asked.seed, noise.Purpose.PURSUIT), coast)
-    return Chased(found, pursuit.judged(chase, found.path, other))
+    return Chased(found, pursuit.judged(chase, found, other))
 
 
-def closing(chase: Pursuit, land: Land) -> Closed:
-    """Return what says whether there is land in squares."""
+def of(chase: Pursuit, land: Land) -> "Shore":
+    """Return the land about where a pursuit begins."""
+    return Shore(land, float(np.degrees(chase.start[0])))
 
-    def closed(lon: Array, lat: Array, half: float) -> Array:
-        lon = sphere.near_degrees(lon, float(np.degrees(chase.start[0])))
+
+@dataclass(frozen=True)
+class Shore:
+    """The land that a vessel keeps off: see `drift.tracker.pursuit.Barrier`."""
+
+    land: Land
+    about: float  # [deg] a longitude of where it is
+
+    def in_squares(self, lon: Array, lat: Array, half: float) -> Array:
+        """Return whether there is land in squares, by their middles [deg] and half their side [m]; in their shape."""
+        lon = sphere.near_degrees(lon, self.about)
         high = np.degrees(1.05 * half / sphere.RADIUS)  # meridians converge: squares are a little turned
         wide = high / np.maximum(np.cos(np.radians(lat)), 0.01)
         reach = Box(
             float((lon - wide).min()), float((lat - high).min()), float((lon + wide).max()), float((lat + high).max())
         )
-        shapes = shapely.STRtree(list(land(reach)))
-        shut = np.zeros(lon.size, bool)
-        for turn in (-360.0, 0.0, 360.0):
-            squares = shapely.box(lon + turn - wide, lat - high, lon + turn + wide, lat + high).ravel()
-            shut[shapes.query(squares, predicate="intersects")[0]] = True
-        return shut.reshape(lon.shape)
+        return self._met(
+            lambda turn: shapely.box(lon + turn - wide, lat - high, lon + turn + wide, lat + high), reach, lon.shape
+        )
 
-    return closed
+    def on_legs(self, begin: Array, ends: Array) -> Array:
+        """Return whether there is land on great circles from a unit vector (3,) to others (m, 3); (m,)."""
+        along = np.linspace(0.0, 1.0, PARTS + 1)[:, None]
+        lon, lat = path.degrees(begin * (1 - along) + ends[:, None] * along)
+        lon = sphere.near_degrees(lon, self.about)
+        reach = Box(float(lon.min()), float(lat.min()), float(lon.max()), float(lat.max()))
+        return self._met(lambda turn: shapely.linestrings(np.stack([lon + turn, lat], axis=-1)), reach, (len(ends),))
+
+    def _met(self, shapes: Callable[[float], Any], reach: Box, many: tuple[int, ...]) -> Array:
+        """Return which shapes meet land, wherever its polygons lie by whole turns."""
+        polygons, found = list(self.land(reach)), np.zeros(many, bool)
+        for turn in (-360.0, 0.0, 360.0):
+            tree = shapely.STRtree(np.ravel(shapes(turn)))
+            found.flat[tree.query(polygons, predicate="intersects")[1]] = True  # continents are prepared, not squares
+        return found

@@ -7,7 +7,7 @@ one cheapest way and no others.
 """
 
 import heapq
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy import ndimage
@@ -44,13 +44,20 @@ def to_go(cost: Array, stride: int, goal: Cell | None) -> Array:
     return found
 
 
-def cheapest(cost: Array, stride: int, start: Cell, goal: Cell | None, closed: Array) -> list[Cell]:
+def cheapest(
+    cost: Array, stride: int, start: Cell, goal: Cell | None, closed: Array, gates: Mapping[Cell, Array] | None = None
+) -> list[Cell]:
     """Return the cells of the cheapest way after each step, from the start on.
 
-    cost, goal: as of `to_go`; closed: cells (rows, columns) that cannot be entered or crossed. Raises ValueError where there
-    is no way.
+    cost, goal: as of `to_go`; closed: cells (rows, columns) that cannot be entered or crossed. gates: cells that are left by
+    some moves alone, and entered by the same ones turned round, be they closed or not: which of `moves` (m,). Raises
+    ValueError where there is no way.
     """
-    guide = to_go(np.where(closed, np.inf, cost), stride, goal)
+    gates = {} if gates is None else gates
+    shut = closed.copy()
+    for cell in gates:
+        shut[cell] = False
+    guide = to_go(np.where(shut, np.inf, cost), stride, goal)
     steps = moves(stride)
     crossed = [_between(move) for move in steps]
     shape = np.array(closed.shape)
@@ -74,7 +81,9 @@ def cheapest(cost: Array, stride: int, start: Cell, goal: Cell | None, closed: A
         for k in np.flatnonzero(inside):
             there = (int(to[k, 0]), int(to[k, 1]))
             left = guide[step + 1][there]
-            if closed[there] or not np.isfinite(left) or _blocked(closed, cell, crossed[k]):
+            if shut[there] or not np.isfinite(left) or _blocked(closed, cell, crossed[k]):
+                continue
+            if (cell in gates and not gates[cell][k]) or (there in gates and not gates[there][-1 - k]):
                 continue
             total = paid[step, cell] + cost[step][there]
             if total < paid.get((step + 1, there), np.inf):
@@ -85,13 +94,14 @@ def cheapest(cost: Array, stride: int, start: Cell, goal: Cell | None, closed: A
 
 
 def _between(move: Array) -> Array:
-    """Return the cells that a straight move touches on its way (n, 2), relative to its begin: at a corner all that meet."""
+    """Return the cells that a straight move touches between its ends (n, 2), relative to its begin: at a corner all that meet."""
     rows, columns = (max(abs(int(part)), 1) for part in move)
     parts = 2 * rows * columns  # so that every crossing of an edge is a point
     along = np.arange(1, parts)[:, None] / parts * move
     sides = (np.floor(along + 0.5), np.ceil(along - 0.5))
-    touched = [np.stack([a[:, 0], b[:, 1]], axis=1) for a in sides for b in sides]
-    return np.unique(np.concatenate(touched).astype(int), axis=0)
+    touched = np.concatenate([np.stack([a[:, 0], b[:, 1]], axis=1) for a in sides for b in sides]).astype(int)
+    ends = (touched == 0).all(axis=1) | (touched == move).all(axis=1)
+    return np.unique(touched[~ends], axis=0)
 
 
 def _blocked(closed: Array, cell: Cell, between: Array) -> bool:

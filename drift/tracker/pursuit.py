@@ -8,7 +8,7 @@ since the last plan falls below a threshold (Klaas, Southey and Cheeseman 2005, 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,8 +23,16 @@ STRIDE = 4  # cells that the vessel makes in a step: over several it goes any wa
 MOST = 5_000_000  # cells and steps together
 
 Forecast = Callable[[Path], tuple[Array, Array]]  # a tracker's path -> places at each step (K + 1, n, 3), weights (n,)
-# lon, lat [deg] of squares' middles, half their side [m] -> whether there is something in them where a vessel cannot be
-Closed = Callable[[Array, Array, float], Array]
+
+
+class Barrier(Protocol):
+    """Where a vessel cannot be."""
+
+    def in_squares(self, lon: Array, lat: Array, half: float) -> Array:
+        """Return whether any of it is in squares, by their middles [deg] and half their side [m]; in their shape."""
+
+    def on_legs(self, begin: Array, ends: Array) -> Array:
+        """Return whether any of it is on great circles from a unit vector (3,) to others (m, 3); (m,)."""
 
 
 @dataclass(frozen=True)
@@ -110,75 +118,115 @@ def mass(cells: Array, place: Array, weight: Array, reach: float) -> Array:
     return np.asarray(total).reshape(cells.shape[:2])
 
 
-def pursue(asked: Pursuit, forecast: Forecast, closed: Closed | None = None) -> Pursued:
+@dataclass(frozen=True)
+class Chart:
+    """Cells that a vessel moves over, and how."""
+
+    place: Array  # unit vectors of where it is in each cell (rows, columns, 3): the middle, and the destination itself
+    closed: Array  # cells (rows, columns) that it does not cross
+    gates: dict[astar.Cell, Array]  # by which moves it leaves and enters those of the begin and of the destination
+    here: astar.Cell
+    goal: astar.Cell | None
+
+
+def charted(asked: Pursuit, barrier: Barrier | None) -> Chart:
+    """Return the cells of a pursuit: those with any of the barrier are closed.
+
+    Harbours are near land: the cells of begin and destination are left and entered by such moves as do not meet it,
+    whatever else is in them, and that make no more than the speed.
+    """
+    cells = grid(asked)
+    place, here, size = cells.place, (cells.half, cells.half), cells.size / 2
+    goal = None if asked.to is None else cells.cell(*asked.to)
+    if asked.to is not None and goal != here:
+        place[goal] = path.vector(*asked.to)
+    closed = np.zeros(place.shape[:2], bool) if barrier is None else barrier.in_squares(*path.degrees(place), size)
+    gates, moves = {}, astar.moves(STRIDE)
+    for cell in (here,) if goal is None else (here, goal):
+        to = moves + cell
+        inside = ((to >= 0) & (to < place.shape[0])).all(axis=1)
+        ends = place[tuple(to[inside].T)]
+        free = path.arc(ends, place[cell]) * sphere.RADIUS <= asked.speed * asked.interval * (1 + 1e-4)
+        if barrier is not None and closed[cell]:
+            free &= ~barrier.on_legs(place[cell], ends)
+        gates[cell] = np.zeros(len(moves), bool)
+        gates[cell][inside] = free
+        if gates[cell].sum() <= 1:  # to stay
+            raise ValueError(_no_way(asked))
+    if barrier is not None and asked.to is not None and goal == here:
+        ends = path.vector(*asked.to)[None]
+        if barrier.on_legs(place[here], ends)[0]:
+            raise ValueError(_no_way(asked))
+    return Chart(place, closed, gates, here, goal)
+
+
+def _no_way(asked: Pursuit) -> str:
+    return (
+        f"there is no way on cells of {grid(asked).size / NMI:.2g} nmi, a quarter of a step (a shorter one has finer cells): "
+        "land lies between, or it is too far for the time"
+    )
+
+
+def pursue(asked: Pursuit, forecast: Forecast, barrier: Barrier | None = None) -> Pursued:
     """Return a path and the share of the cloud that it meets.
 
     forecast: where the same particles, in the same order, would be at `asked.times` if the tracker went a path: it is asked
-    again with each plan, for particles may seek or flee. closed: where the vessel cannot be; a cell with any of it is
-    closed, but that of begin and destination. Raises ValueError with one line for
-    what cannot be done (`check`), where no particle is left, and where there is no way to the destination.
+    again with each plan, for particles may seek or flee. barrier: where the vessel cannot be. Raises ValueError with one
+    line for what cannot be done (`check`), where no particle is left, and where there is no way to the destination.
     """
     check(asked)
-    cells = grid(asked)
-    centres = cells.place
-    shut = np.zeros(centres.shape[:2], bool)
-    here = (cells.half, cells.half)
-    goal = None if asked.to is None else cells.cell(*asked.to)
-    if closed is not None:
-        shut = closed(*path.degrees(centres), cells.size / 2)
-        for cell in (here, goal):  # harbours are near land
-            if cell is not None:
-                shut[cell] = False
+    chart = charted(asked, barrier)
+    here, goal = chart.here, chart.goal
     places, weight = forecast(path.standing(*asked.start, asked.begin, asked.times[-1]))
     if not weight.sum() > 0:
         raise ValueError("no track is held when it begins")
     left, trigger = weight / weight.sum(), Trigger(asked.threshold)
     plan, plans, met = [here], [], []
     for step in range(asked.steps + 1):
-        seen = path.arc(places[step], centres[plan[step]]) * sphere.RADIUS <= asked.reach
+        seen = path.arc(places[step], chart.place[plan[step]]) * sphere.RADIUS <= asked.reach
         before, left = left.sum(), np.where(seen, 0.0, left)
         met.append(1.0 - left.sum())
         some = left.sum() > 0 and step < asked.steps
         if some and (step == 0 or (plan[step] != goal and trigger.observed(left.sum() / before))):
-            plan = [*plan[: step + 1], *_plan(asked, centres, shut, places, left, plan[step], step, goal)]
+            plan = [*plan[: step + 1], *_plan(asked, chart, places, left, plan[step], step)]
             plans.append(step)
-            places, _ = forecast(_path(asked, centres, plan, goal))
+            places, _ = forecast(_path(asked, chart, plan))
         if step == len(plan) - 1 or (left.sum() == 0 and goal is None):
             break
-    return Pursued(_path(asked, centres, plan[: len(met)], goal), np.array(met), tuple(plans))
+    return Pursued(_path(asked, chart, plan[: len(met)]), np.array(met), tuple(plans))
 
 
-def _plan(
-    asked: Pursuit, centres: Array, shut: Array, places: Array, left: Array, here: astar.Cell, step: int,
-    goal: astar.Cell | None,
-) -> list[astar.Cell]:  # fmt: skip
+def _plan(asked: Pursuit, chart: Chart, places: Array, left: Array, here: astar.Cell, step: int) -> list[astar.Cell]:
     """Return the cells after a step."""
     weight = left / left.sum()
-    share = np.stack([mass(centres, places[k], weight, asked.reach) for k in range(step + 1, asked.steps + 1)])
-    if goal is None:
+    share = np.stack([mass(chart.place, places[k], weight, asked.reach) for k in range(step + 1, asked.steps + 1)])
+    if chart.goal is None:
         cost = share.max(axis=(1, 2), keepdims=True) - share
     else:
         cost = asked.interval - asked.worth * np.log1p(-np.minimum(share, 1 - 1e-12))
-    return astar.cheapest(cost, STRIDE, here, goal, shut)[1:]
+    try:
+        return astar.cheapest(cost, STRIDE, here, chart.goal, chart.closed, chart.gates)[1:]
+    except ValueError:
+        raise ValueError(_no_way(asked)) from None
 
 
-def _path(asked: Pursuit, centres: Array, way: list[astar.Cell], goal: astar.Cell | None) -> Path:
-    """Return the path through cells, and from the destination's cell on to the destination; what has arrived stays."""
-    place, time = np.array([centres[cell] for cell in way]), asked.times[: len(way)]
-    if asked.to is not None and way[-1] == goal:
-        end = path.vector(*asked.to)
-        rest = float(path.arc(place[-1], end)) * sphere.RADIUS / asked.speed
-        if rest > 1.0:
-            place, time = np.vstack([place, end]), np.append(time, time[-1] + rest)
+def _path(asked: Pursuit, chart: Chart, way: list[astar.Cell]) -> Path:
+    """Return the path through cells; to the destination it goes at the vessel's speed."""
+    place, time = np.array([chart.place[cell] for cell in way]), asked.times[: len(way)]
+    if way[-1] == chart.goal:
+        if asked.to is not None and len(way) == 1:
+            place, time = np.vstack([place, path.vector(*asked.to)]), asked.times[:2]
+        away = float(path.arc(place[-2], place[-1])) * sphere.RADIUS
+        time = np.append(time[:-1], time[-2] + max(away / asked.speed, 1.0))
     if len(place) == 1:
         return Path(asked.times[:2], np.repeat(place, 2, axis=0))
     return Path(time, place)
 
 
-def judged(asked: Pursuit, found: Path, forecast: Forecast) -> Array:
+def judged(asked: Pursuit, found: Pursued, forecast: Forecast) -> Array:
     """Return the share of another cloud that a path meets by each of its looks, one the plan has not seen; NaN: it has lost the track."""
-    places, weight = forecast(found)
-    looks = found.place[np.isin(found.time, asked.times)]
+    places, weight = forecast(found.path)
+    looks = found.path.place[: len(found.met)]
     if not weight.sum() > 0:
         return np.full(len(looks), np.nan)
     left, met = weight / weight.sum(), []

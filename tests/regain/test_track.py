@@ -19,13 +19,15 @@ from drift.case import tracking
 from drift.cli import commands
 from drift.regain import chase, files, text
 from drift.regain.record import Chased, Regained
-from drift.tracker import detections, holding, path, said
+from drift.tracker import detections, holding, path, pursuit, said
 from drift.tracker.detections import Detections
 from drift.tracker.following import Clouds, World
+from drift.tracker.pursuit import Pursuit
 from geo import notation, sphere
 from geo.box import Box
 from geo.coast import shore
 from geo.errors import UserError
+from geo.notation import KNOT, NMI
 
 EARTH = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 SMALL = {"particles": "600"}
@@ -131,6 +133,66 @@ def test_a_path_keeps_off_the_land_there_is(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("box", "least"),
+    [(Box(15.0, 55.2, 15.35, 55.42), 5), (Box(179.8, -17.0, 180.2, -16.6), 3), (Box(11.4, 78.85, 12.4, 79.05), 3)],
+)  # Ertholmene, islets smaller than a cell; Fiji, across 180; Svalbard
+def test_no_path_crosses_land_from_or_to_harbours_either(box: Box, least: int) -> None:
+    """Begins and ends within 400 m of the shore, by pyproj's geodesics on the full polygons, in steps of 50 m; at no more than 20 knots."""
+    wide = Box(box.west - 1, box.south - 1, box.east + 1, box.north + 1)
+    land = shapely.union_all([
+        shapely.intersection(shapely.affinity.translate(one, turn), shapely.box(wide.west, wide.south, wide.east, wide.north))
+        for one in shore.land("gshhg", wide).polygons for turn in (-360, 0, 360)
+    ])  # fmt: skip
+    shapely.prepare(land)
+    rng, ends = np.random.default_rng(8), []
+    coast = shapely.intersection(land.boundary, shapely.box(box.west, box.south, box.east, box.north))
+    while len(ends) < 12:
+        at = coast.interpolate(rng.random(), normalized=True)
+        lon, lat, _ = EARTH.fwd(at.x, at.y, rng.uniform(0, 360), rng.uniform(50, 400))
+        lon = float(sphere.near_degrees(np.array(lon), at.x))
+        if not shapely.contains_xy(land, lon, lat):
+            ends.append((lon, lat))
+
+    def ashore(*places: tuple[float, float]) -> bool:
+        """Whether any of a great circle between two places is on land."""
+        way = np.array(
+            [*places, *EARTH.npts(*places[0], *places[1], int(EARTH.inv(*places[0], *places[1])[2] / 50) + 1)]
+        )
+        return bool(shapely.contains_xy(land, sphere.near_degrees(way[:, 0], box.west), way[:, 1]).any())
+
+    ways = np.broadcast_to(path.vector(*np.radians([[box.west, box.east], [box.south, box.north]])), (9, 2, 3))
+    found, refused = [0, 0], []
+    for k, (start, to) in enumerate(zip(ends[::2], ends[1::2], strict=True)):
+        aim = {"aim": "avoid", "to": tuple(np.radians(to))} if k % 2 else {"aim": "meet"}
+        asked = Pursuit(start=tuple(np.radians(start)), speed=20 * KNOT, reach=3 * NMI, begin=0.0, interval=600.0 if k % 3 else 300.0, steps=8, **aim)  # fmt: skip
+        try:
+            made = pursuit.pursue(asked, lambda _: (ways, np.ones(2)), chase.of(asked, chase.land()))
+        except ValueError as error:
+            refused.append(str(error))
+            continue
+        way = made.path
+        assert way.time[-1] <= asked.times[len(made.met) - 1] + 0.1  # where its looks say it is
+        places = list(zip(*path.degrees(way.place), strict=True))
+        for one, other, lasting in zip(places, places[1:], np.diff(way.time), strict=False):
+            assert EARTH.inv(*one, *other)[2] <= 20 * KNOT * lasting * (1 + 1e-4) + 0.01
+            assert not ashore(one, other)
+        assert k % 2 == 0 or EARTH.inv(*places[-1], *to)[2] < 0.01
+        found[k % 2] += 1
+    assert all("there is no way on cells of" in words for words in refused)
+    assert sum(found) >= least
+
+
+def test_legs_are_great_circles() -> None:
+    """Along 70 degrees over 2 of longitude they rise by 2^2 / 8 x sin 70 cos 70 rad, 0.0028 degrees, where a chart has a straight line."""
+    begin, end = path.vector(*np.radians([[10.0, 12.0], [70.0, 70.0]]))
+    for south, north, met in ((70.0015, 70.01, True), (69.99, 70.0015, False), (70.0040, 70.01, False)):
+        for turn in (0, 360):
+            land = shapely.box(10.9 + turn, south, 11.1 + turn, north)
+            barrier = chase.Shore(lambda box, land=land: [land], 11.0)
+            assert barrier.on_legs(begin, np.stack([end, begin, end])).tolist() == [met, False, met]
+
+
+@pytest.mark.parametrize(
     ("lon", "lat"), [(-77.2, 18.1), (178.8, -17.6), (16.0, 78.2)]
 )  # Jamaica; Fiji, across 180; Svalbard
 def test_a_square_is_closed_where_there_is_land_in_it_and_open_away_from_it(lon: float, lat: float) -> None:
@@ -139,7 +201,7 @@ def test_a_square_is_closed_where_there_is_land_in_it_and_open_away_from_it(lon:
         "lost_contact", {"pursuit.at": f"{abs(lat)}{'N' if lat > 0 else 'S'} {abs(lon)}{'E' if lon > 0 else 'W'}"}
     )
     assert asked.pursuit is not None
-    closed = chase.closing(asked.pursuit, chase.land())
+    closed = chase.of(asked.pursuit, chase.land()).in_squares
     rng, half = np.random.default_rng(4), 1500.0
     east, north = rng.uniform(-90_000, 90_000, (2, 400))
     x, y, _ = EARTH.fwd(
@@ -240,7 +302,8 @@ def test_a_pursuit_that_cannot_be_is_one_line(
                 "pursuit.speed": "65 kn",
                 "pursuit.begin": "75 min",
             },
-            "there is no way: what is closed lies between, or it is too far for the time",
+            "there is no way on cells of 2.7 nmi, a quarter of a step (a shorter one has finer cells): "
+            "land lies between, or it is too far for the time",
         ),
     ],
 )

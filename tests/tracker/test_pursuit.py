@@ -28,7 +28,19 @@ def crosses(closed: Array, a: tuple[int, int], b: tuple[int, int]) -> bool:
     return bool(shapely.intersects(np.array(cells, dtype=object), line).any())
 
 
-def oracle(cost: Array, stride: int, start: tuple[int, int], goal: tuple[int, int] | None, closed: Array) -> Array:
+Cell = tuple[int, int]
+
+
+def free(closed: Array, gates: dict[Cell, Array], a: Cell, b: Cell) -> bool:
+    """Return whether one may move from a cell to another: by its gates, and what is between."""
+    ways, open_ = [tuple(move) for move in astar.moves(2)], closed.copy()
+    for here, there in ((a, b), (b, a)):
+        if here in gates:
+            open_[here] = not gates[here][ways.index(tuple(np.subtract(there, here)))]
+    return not open_[a] and not crosses(open_, a, b)
+
+
+def oracle(cost: Array, start: Cell, goal: Cell | None, closed: Array, gates: dict[Cell, Array]) -> Array:
     """Return the least costs to go from every node, by Dijkstra over all nodes of the graph turned round, (K + 1, rows, columns)."""
     steps, rows, columns = cost.shape
     number = np.arange((steps + 1) * rows * columns).reshape(steps + 1, rows, columns)
@@ -36,8 +48,7 @@ def oracle(cost: Array, stride: int, start: tuple[int, int], goal: tuple[int, in
     for k in range(steps):
         for a in np.ndindex(rows, columns):
             for b in np.ndindex(rows, columns):
-                near = not closed[a] and (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 <= stride**2
-                if near and not crosses(closed, a, b):
+                if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 <= 4 and free(closed, gates, a, b):
                     heads.append(number[k][a]), tails.append(number[k + 1][b]), costs.append(cost[k][b] + 1e-15)
     last = number.size
     ends = number[-1].ravel() if goal is None else number[:, goal[0], goal[1]]
@@ -48,26 +59,30 @@ def oracle(cost: Array, stride: int, start: tuple[int, int], goal: tuple[int, in
 
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("to", [None, (6, 5)])
-def test_the_way_is_the_cheapest_and_its_guide_never_too_dear(seed: int, to: tuple[int, int] | None) -> None:
+def test_the_way_is_the_cheapest_and_its_guide_never_too_dear(seed: int, to: Cell | None) -> None:
+    """Of every other seed begin and destination are closed, but for some moves."""
     rng = np.random.default_rng(seed)
     cost = rng.exponential(1.0, (5, 8, 7)) ** 2
     closed = rng.random((8, 7)) < (0.25, 0.4)[seed % 2]
-    start = (1, 2)
-    closed[start] = False
-    if to is not None:
-        closed[to] = False
-    exact = oracle(cost, 2, start, to, closed)
-    guide = astar.to_go(np.where(closed, np.inf, cost), 2, to)
-    open_ = np.broadcast_to(~closed, guide.shape)
+    start, gates, ends = (1, 2), {}, [(1, 2)] if to is None else [(1, 2), to]
+    for cell in ends:
+        closed[cell] = seed % 4 > 1
+        if seed % 4 > 0:
+            gates[cell] = rng.random(len(astar.moves(2))) < 0.6
+    exact = oracle(cost, start, to, closed, gates)
+    shut = closed.copy()
+    shut[tuple(np.transpose(ends))] = False
+    guide = astar.to_go(np.where(shut, np.inf, cost), 2, to)
+    open_ = np.broadcast_to(~shut, guide.shape)
     assert (guide[open_] <= exact[open_] + 1e-9).all()
     if not np.isfinite(exact[0][start]):
         with pytest.raises(ValueError, match="there is no way"):
-            astar.cheapest(cost, 2, start, to, closed)
+            astar.cheapest(cost, 2, start, to, closed, gates)
         return
-    way = astar.cheapest(cost, 2, start, to, closed)
+    way = astar.cheapest(cost, 2, start, to, closed, gates)
     assert way[0] == start
     assert to is None or way[-1] == to
-    assert all(not crosses(closed, a, b) for a, b in itertools.pairwise(way))
+    assert all(free(closed, gates, a, b) for a, b in itertools.pairwise(way))
     assert all((np.subtract(a, b) ** 2).sum() <= 4 for a, b in itertools.pairwise(way))
     assert astar.value(cost, way) == pytest.approx(exact[0][start], abs=1e-9)
 
@@ -155,7 +170,7 @@ def test_planning_again_meets_more_and_another_cloud_as_much() -> None:
     assert len(again.plans) > 2
     assert again.met[-1] > once.met[-1] + 0.05
     assert (np.diff(again.met) >= 0).all()
-    others = pursuit.judged(question, again.path, lambda _: (second, np.ones(n)))
+    others = pursuit.judged(question, again, lambda _: (second, np.ones(n)))
     p = again.met[-1]
     assert others[-1] == pytest.approx(p, abs=4 * np.sqrt(2 * p * (1 - p) / n))
 
@@ -194,11 +209,39 @@ def test_land_is_not_crossed() -> None:
         half = half / NMI
         return (north > 5 - half) & (north < 8 + half) & (east < 9 + half)
 
-    found = pursuit.pursue(question, lambda _: (ways, np.ones(1)), wall)
+    class Wall:
+        def in_squares(self, lon: Array, lat: Array, half: float) -> Array:
+            return wall(lon, lat, half)
+
+        def on_legs(self, begin: Array, ends: Array) -> Array:
+            raise AssertionError("neither begin nor destination is near")
+
+    found = pursuit.pursue(question, lambda _: (ways, np.ones(1)), Wall())
     assert found.met[-1] == 1.0
     assert not wall(*path.degrees(found.path.at(np.linspace(*found.path.time[[0, -1]], 5000))[0])).any()
     lons, _ = path.degrees(found.path.place)
     assert lons.max() > np.degrees(LON) + 8 / 60
+
+
+@pytest.mark.parametrize("between", [True, False])
+def test_a_destination_in_the_cell_of_the_begin_is_gone_to_straight_on_or_not_at_all(between: bool) -> None:
+    """Cells are 0.83 nmi wide; it is 0.3 nmi off, 54 s at 20 knots."""
+
+    class Islet:
+        def in_squares(self, lon: Array, lat: Array, half: float) -> Array:
+            return np.zeros(lon.shape, bool)
+
+        def on_legs(self, begin: Array, ends: Array) -> Array:
+            assert (path.arc(begin, ends) * sphere.RADIUS / NMI).tolist() == [pytest.approx(0.3)]
+            return np.array([between])
+
+    lon, lat, _ = EARTH.fwd(*np.degrees([LON, LAT]), 200.0, 0.3 * NMI)
+    question = asked(aim="avoid", to=tuple(np.radians([lon, lat])))
+    ways = np.broadcast_to(path.vector([LON], [LAT]), (10, 1, 3))
+    with pytest.raises(ValueError, match=r"no way on cells of 0\.83 nmi") if between else nullcontext():
+        found = pursuit.pursue(question, lambda _: (ways, np.ones(1)), Islet())
+        assert found.path.time.tolist() == [900.0, pytest.approx(954.0)]
+        np.testing.assert_allclose(found.path.place[-1], path.vector(*np.radians([lon, lat])))
 
 
 @pytest.mark.parametrize(
@@ -226,7 +269,7 @@ def test_an_empty_cloud_is_refused_and_another_that_is_empty_meets_nobody_knows_
         pursuit.pursue(asked(), lambda _: (ways[:, :0], np.ones(0)))
     found = pursuit.pursue(asked(), lambda _: (ways, np.ones(1)))
     assert found.met[0] == 1.0
-    assert np.isnan(pursuit.judged(asked(), found.path, lambda _: (ways[:, :0], np.ones(0)))).all()
+    assert np.isnan(pursuit.judged(asked(), found, lambda _: (ways[:, :0], np.ones(0)))).all()
 
 
 def test_a_destination_is_out_of_reach_where_the_great_circle_to_it_is_longer_than_the_way_made() -> None:
