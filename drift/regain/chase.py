@@ -94,7 +94,7 @@ class Shore:
 
     def _met(self, shapes: Callable[[float], Any], reach: Box, many: tuple[int, ...]) -> Array:
         """Return which shapes meet land, wherever its polygons lie by whole turns."""
-        polygons, found = list(self.land(reach)), np.zeros(many, bool)
+        polygons, found = np.array(list(self.land(reach)), dtype=object), np.zeros(many, bool)
         for turn in (-360.0, 0.0, 360.0):
             tree = shapely.STRtree(np.ravel(shapes(turn)))
             found.flat[tree.query(polygons, predicate="intersects")[1]] = True  # continents are prepared, not squares

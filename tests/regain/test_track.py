@@ -182,6 +182,16 @@ def test_no_path_crosses_land_from_or_to_harbours_either(box: Box, least: int) -
     assert sum(found) >= least
 
 
+def test_where_there_is_no_land_nothing_is_closed() -> None:
+    asked = tracking.load("lost_contact", {"pursuit.at": "40 00S 120 00W"})
+    assert asked.pursuit is not None
+    barrier = chase.of(asked.pursuit, chase.land())
+    assert not barrier.in_squares(np.array([[-120.0, -119.0]]), np.array([[-40.0, -40.0]]), 1e4).any()
+    begin, end = path.vector(*np.radians([[-120.0, -119.0], [-40.0, -40.0]]))
+    assert barrier.on_legs(begin, end[None]).tolist() == [False]
+    chase.check(asked, chase.land())
+
+
 def test_legs_are_great_circles() -> None:
     """Along 70 degrees over 2 of longitude they rise by 2^2 / 8 x sin 70 cos 70 rad, 0.0028 degrees, where a chart has a straight line."""
     begin, end = path.vector(*np.radians([[10.0, 12.0], [70.0, 70.0]]))
