@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
-from drift.case import detections, fields, messages, mistakes, units
+from drift.case import detections, fields, messages, mistakes, sources, units
 from drift.case import file as case_file
 from drift.case import tracker as tracker_table
 from drift.case.behaviour import BearingError, BehaviourTable
@@ -208,7 +208,7 @@ class PursuitTable(fields.Table):
     """Within which it sees the target, or is seen."""
     begin: fields.Moment | None = None
     """After the start, or a date and time; by default the last detection, or where the detections' file last says where the tracker was if that is later. From
-    then on the vessel's own looks count, and no sensor's silence."""
+    then on the vessel's own looks count, and a sensor's silence only as long as a log or a track says where the tracker was."""
     lasting: fields.Duration | None = None
     """How long; until the end of the case by default."""
     step: fields.Duration = 600.0
@@ -459,4 +459,9 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
         table.experiment.window or (0.0, math.inf),
         None if criteria is None else Criteria(criteria.position, math.radians(criteria.course), criteria.speed),
         table.experiment.areas, tuple(shown), chase, table.experiment.published, table.land == "turn",
+        logged=table.tracker.at is None,
+        files=tuple(
+            sources.one_file(file, folder, what)
+            for what, file in (("detections", table.detections), ("track", table.tracker.track)) if file is not None
+        ),
     )  # fmt: skip

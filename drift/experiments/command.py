@@ -53,7 +53,7 @@ def experiment(
             outcome = tracked.run(asked, None if coast is None else coast.device, partial(tell, "following"))
         found = Experiment(
             asked.title, asked.text, asked.seed, asked.runs, f"{asked.size:,} particles, {outcome.sweeps:,} sweeps",
-            tuple(method.name for method in asked.methods), outcome.figures, asked.published, outcome,
+            tuple(method.name for method in asked.methods), outcome.figures, asked.published, outcome, asked.files,
         )  # fmt: skip
     else:
         found = ordinary.run(
@@ -73,6 +73,7 @@ def _write(found: Experiment, out: Path, backend: str, overwrite: bool) -> None:
         "seed": str(found.seed),
         "case": found.text,
         "backend": backend,
+        **formats.inputs(found.files),
     }
     imprint = Imprint(found.title, f"{told['source']}, seed {found.seed}", {**told, "run_id": formats.run_id(told)})
     writer.write(out, [chapter.chapter(Matter(found, imprint), told)], overwrite=overwrite)

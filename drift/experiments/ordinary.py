@@ -33,8 +33,9 @@ def run(
         raise UserError(f'--with "{seeded[0]}": seed is of all variants, whose random numbers are common; give --seed')
     first = case_file.load(name, changes)
     ways: dict[str, Mapping[str, str]] = {AS_IT_IS: {}, **variants}
+    files = list(first.inputs)
     for own in variants.values():  # all that is wrong is told before the first run
-        case_file.load(name, {**changes, **own})
+        files += case_file.load(name, {**changes, **own}).inputs
     rows: list[list[dict[str, float]]] = []
     done = 0
     for way, own in ways.items():
@@ -53,7 +54,7 @@ def run(
     asked = "; ".join(f"{way}: {', '.join(f'{k}={v}' for k, v in own.items())}" for way, own in variants.items())
     return Experiment(
         first.title, f"{first.text.rstrip()}\n# experiment, {runs} runs: {asked}\n", first.seed, runs,
-        f"{first.particles:,} particles", tuple(ways), figures,
+        f"{first.particles:,} particles", tuple(ways), figures, files=tuple(dict.fromkeys(files)),
     )  # fmt: skip
 
 

@@ -20,3 +20,4 @@ class Experiment:
     figures: tuple[Figure, ...]
     published: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # by way and figure
     tracking: Outcome | None = None  # of a tracking case, with errors over time
+    files: tuple[str, ...] = ()  # that the case read

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from geo import notation
+from geo.errors import UserError
+from geo.files import digest
 
 EPOCH = "seconds since 1970-01-01 00:00:00"  # units of times in netCDF files
 FORMULAS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")  # what the formula of a spreadsheet begins with
@@ -50,9 +52,21 @@ def run_id(attributes: Mapping[str, Any]) -> str:
 
     It is the same in all files of the run. No spreadsheet takes it for a number or a date.
     """
-    names = ("case", "seed", "forcing", "coast", "versions", "backend")
+    names = ["case", "seed", "forcing", "coast", "versions", "backend", *(["inputs"] if "inputs" in attributes else [])]
     text = "\0".join(f"{name}={attributes.get(name, '')}" for name in names)
     return f"{hashlib.sha256(text.encode()).hexdigest()[:10]}-s{attributes.get('seed', '')}"
+
+
+def inputs(files: Iterable[str]) -> dict[str, str]:
+    """Return the attribute that says what files a case read, by their names and digests; nothing where there are none.
+
+    Raises UserError where one cannot be read any more.
+    """
+    try:
+        told = "; ".join(f"{Path(file).name}: {digest.of(file)}" for file in files)
+    except OSError as error:
+        raise UserError(f"{error.filename}: cannot be read any more ({error.strerror})") from None
+    return {"inputs": told} if told else {}
 
 
 def csv_text(header: list[str], rows: list[list[Any]]) -> str:

@@ -60,6 +60,7 @@ def _write(found: Regained, out: Path, backend: str, overwrite: bool, land: Land
         "seed": str(asked.seed),
         "case": asked.text,
         "backend": backend,
+        **formats.inputs(asked.files),
     }
     about = "A heuristic, no Bayes: take areas as rough (docs/tracking.md)."
     imprint = Imprint(

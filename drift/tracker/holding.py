@@ -172,8 +172,7 @@ def _silent_until(asked: Study) -> float:
 
     The looks of a pursuit are its own, where no log says where the tracker was meanwhile.
     """
-    logged = asked.tracker.time[-1] < asked.end - 1.0
-    return asked.end if asked.pursuit is None or logged else min(asked.end, asked.pursuit.begin + SOON)
+    return asked.end if asked.pursuit is None or asked.logged else min(asked.end, asked.pursuit.begin + SOON)
 
 
 def _usual(asked: Study, found: Detections) -> tuple[float, ...]:

@@ -58,6 +58,8 @@ class Study:
     pursuit: Pursuit | None = None  # of detections: a path on which to meet the target, or to avoid it
     published: dict[str, dict[str, float]] = field(default_factory=dict)  # by way of following and figure
     minds_land: bool = True  # whether particles keep to the water
+    logged: bool = False  # whether `tracker` is where a log or a track says it was, not where it is said to go
+    files: tuple[str, ...] = ()  # that were read
 
 
 AFTER = 0.5  # [s]

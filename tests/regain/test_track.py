@@ -1,6 +1,7 @@
 """drift track from the case to its files: what is written, what is said, and what is refused."""
 
 import csv
+import hashlib
 import json
 import subprocess
 import sys
@@ -529,6 +530,51 @@ def test_a_tracker_that_leaps_is_told(tmp_path: Path) -> None:
     ]
     assert "kn from 2026-03-05T02:05:00Z to 2026-03-05T02:10:00Z, mostly it makes 24 kn: check its latitudes" in told
     assert "would make" not in text.facts(drift.track("lost_contact", changes=SMALL)).get("warning", "")
+
+
+LOGGED = """
+title = "t"
+start = "2026-03-05T00:00Z"
+duration = "60 min"
+detections = "d.csv"
+particles = 300
+land = "ignore"
+[[sensor]]
+name = "radar"
+reach = "5.6 nmi"
+range_ambiguity = 0.1
+bearing_ambiguity = 3
+grace = "25 min"
+[[method]]
+name = "one"
+fastest = "32 kn"
+"""
+
+
+def test_a_log_that_ends_with_the_case_counts_to_its_end_with_a_path_too(tmp_path: Path) -> None:
+    """The boat was at the edge of the radar's reach: whether silence after the path's begin counts makes another track."""
+    chase = '[pursuit]\nspeed = "20 kn"\nreach = "2 nmi"\nbegin = "30 min"\nstep = "5 min"\n'
+    found, runs = {}, set()
+    for until in ("+59 min", "+60 min"):
+        rows = f"time,sensor,bearing,range,lat,lon\n+10 min,radar,40,5,10 00N,20 00W\n{until},,,,10 00N,20 00W\n"
+        (tmp_path / "d.csv").write_text(rows, encoding="utf-8")
+        for more in ("", chase):
+            (tmp_path / "c.toml").write_text(LOGGED + more, encoding="utf-8")
+            found[until, more] = drift.track(tmp_path / "c.toml", tmp_path / "out", overwrite=True).held.place[:-2]
+        told = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+        assert told["inputs"] == f"d.csv: sha256:{hashlib.sha256(rows.encode()).hexdigest()}"
+        runs.add(told["run_id"])
+    for until in ("+59 min", "+60 min"):
+        assert np.isfinite(found[until, ""][-1]).all()
+        np.testing.assert_array_equal(found[until, ""], found[until, chase])
+    assert len(runs) == 2  # another log is another run
+    (tmp_path / "c.toml").write_text(LOGGED.replace("[[sensor]]", '[tracker]\nat = "10 00N 20 00W"\n[[sensor]]', 1), encoding="utf-8")  # fmt: skip
+    (tmp_path / "d.csv").write_text("time,sensor,bearing,range\n+10 min,radar,40,5\n", encoding="utf-8")
+    alone = drift.track(tmp_path / "c.toml").held.place[:-2]
+    np.testing.assert_array_equal(alone, found["+60 min", ""])
+    with (tmp_path / "c.toml").open("a", encoding="utf-8") as file:
+        file.write(chase)
+    assert (drift.track(tmp_path / "c.toml").held.place[-3] != alone[-1]).any()  # nobody knows where it is from then on
 
 
 def test_a_path_does_not_change_the_track(tmp_path: Path) -> None:

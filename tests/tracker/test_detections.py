@@ -122,11 +122,17 @@ def test_no_silence_counts_from_when_a_path_begins_that_no_log_tells_of() -> Non
     radar = replace(RADAR, interval=10.0, on=Plan())
     given = replace(
         asked, target=found((300, 0, 70, 8)), sensors=(radar,), tracker=path.standing(LON, LAT, 0.0, 900.0), end=900.0,
-        shown=(900.0,),
+        shown=(900.0,), logged=False,
     )  # fmt: skip
     chase = replace(asked.pursuit, begin=420.0, interval=120.0, steps=4)
-    for pursuit, lost in ((None, [450.0]), (chase, []), (replace(chase, begin=460.0), [450.0])):
-        held = holding.hold(replace(given, pursuit=pursuit))
+    cases = (
+        (None, False, [450.0]),
+        (chase, False, []),
+        (chase, True, [450.0]),
+        (replace(chase, begin=460.0), False, [450.0]),
+    )
+    for pursuit, logged, lost in cases:
+        held = holding.hold(replace(given, pursuit=pursuit, logged=logged))
         assert [loss.time for loss in held.lost] == lost
         assert (held.shown[0].cloud is None) == bool(lost)
 
