@@ -181,11 +181,12 @@ def pursue(asked: Pursuit, forecast: Forecast, barrier: Barrier | None = None) -
     if not weight.sum() > 0:
         raise ValueError("no track is held when it begins")
     left, trigger = weight / weight.sum(), Trigger(asked.threshold)
-    plan, plans, met = [here], [], []
+    plan, plans = [here], []
+    met: list[float] = []
     for step in range(asked.steps + 1):
         seen = path.arc(places[step], chart.place[plan[step]]) * sphere.RADIUS <= asked.reach
+        met.append((met[-1] if met else 0.0) + left[seen].sum())
         before, left = left.sum(), np.where(seen, 0.0, left)
-        met.append(1.0 - left.sum())
         some = left.sum() > 0 and step < asked.steps
         if some and (step == 0 or (plan[step] != goal and trigger.observed(left.sum() / before))):
             plan = [*plan[: step + 1], *_plan(asked, chart, places, left, plan[step], step)]
@@ -229,10 +230,12 @@ def judged(asked: Pursuit, found: Pursued, forecast: Forecast) -> Array:
     looks = found.path.place[: len(found.met)]
     if not weight.sum() > 0:
         return np.full(len(looks), np.nan)
-    left, met = weight / weight.sum(), []
+    left = weight / weight.sum()
+    met: list[float] = []
     for there, place in zip(places, looks, strict=False):
-        left = np.where(path.arc(there, place) * sphere.RADIUS <= asked.reach, 0.0, left)
-        met.append(1 - left.sum())
+        seen = path.arc(there, place) * sphere.RADIUS <= asked.reach
+        met.append((met[-1] if met else 0.0) + left[seen].sum())
+        left = np.where(seen, 0.0, left)
     return np.array(met)
 
 

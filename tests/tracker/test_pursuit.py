@@ -272,6 +272,15 @@ def test_an_empty_cloud_is_refused_and_another_that_is_empty_meets_nobody_knows_
     assert np.isnan(pursuit.judged(asked(), found, lambda _: (ways[:, :0], np.ones(0)))).all()
 
 
+def test_of_what_is_never_near_nothing_is_met() -> None:
+    """Weights whose sum is 1 but for rounding: none of 4.4e-14 percent, and none below 0."""
+    weight = np.random.default_rng(3).random(999) / 7
+    ways = np.broadcast_to(path.vector(np.full(999, LON), np.full(999, LAT + 0.05)), (10, 999, 3))
+    found = pursuit.pursue(asked(reach=1.0, speed=5 * KNOT), lambda _: (ways, weight))
+    assert (found.met == 0).all()
+    assert (pursuit.judged(asked(reach=1.0), found, lambda _: (ways, weight)) == 0).all()
+
+
 def test_a_destination_is_out_of_reach_where_the_great_circle_to_it_is_longer_than_the_way_made() -> None:
     """Nine steps of 10 min at 20 kn make 30 nmi: by pyproj one of 29.99 nmi is within, one of 30.01 is not."""
     words = r"30\.0 nmi from where it begins, which is 91 min at 20 kn, and its 9 steps last 90 min"
