@@ -283,6 +283,8 @@ def time(value: object) -> Instant:
         raise ValueError(f'{value!r} is not a time; write it like "211830ZNOV26", or in ISO 8601 with its zone')
     text = value.strip()
     if text[:1] in {"+", "-"}:
+        if re.fullmatch(r"[\d.]*[1-9][\d.]*", text[1:].strip()):  # of minutes, or of hours
+            raise ValueError(f'"{text}" has no unit; write it like "{text} min"')
         seconds = quantity(text, "s", "interval after the start", "+6 h")
         if abs(seconds) > CENTURY:
             raise ValueError(f'"{text}" is more than a century')

@@ -17,6 +17,7 @@ from drift.tracker.study import MET
 
 WIDTH, PANEL, KEY = 11.7, 2.1, 0.21  # [in] of the page, of a panel with its gap, of a line of the key
 COLOURS = ("#0b4f8a", "#b3261e", "#1b5e20", "#8a5a00", "#6a3d9a", "#00838f", "#37474f", "#c2185b")
+MANY = 0.5  # of the runs, that hold a track where a mean is drawn
 DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)), (0, (1, 1)))
 
 
@@ -73,13 +74,14 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
     asked = found.study
     sheet.head(
         on, imprint,
-        f"{asked.runs:,} runs of {asked.size:,} particles, {found.sweeps:,} sweeps each: mean over the runs, shaded one standard error either way",
+        f"{asked.runs:,} runs of {asked.size:,} particles, {found.sweeps:,} sweeps each: mean over the runs that hold a track, where half or more do; shaded one standard error either way",
     )  # fmt: skip
     styles = _styles(found, groups)
     symbols: list[tuple[Any, str]] = []
     for number, curve in enumerate(found.curves):
         axes = _panel(on, height, over, number, f"{curve.name[0].upper()}{curve.name[1:]} [{curve.unit}]")
         mean, error = curve.mean()
+        mean = np.where(np.isfinite(curve.values).mean(axis=1) >= MANY, mean, np.nan)
         for group, (colour, dash) in zip(groups, styles, strict=True):
             (line,) = axes.plot(found.time / 60, mean[group[0]], color=colour, linestyle=dash, linewidth=1.5)
             axes.fill_between(

@@ -56,7 +56,7 @@ def _told(mean: float, error: float) -> tuple[str, ...]:
     """Return a mean with its standard error, to two digits of that."""
     if not np.isfinite(mean):
         return ("none",)
-    if not np.isfinite(error) or error == 0:
+    if not np.isfinite(error) or error <= 1e-9 * abs(mean):  # all runs alike, but for rounding
         return (f"{mean:.4g}",)
     digits = max(1 - math.floor(math.log10(error)), 0)
     return f"{mean:,.{digits}f}", "+-", f"{error:,.{digits}f}"

@@ -54,8 +54,9 @@ def _lost(found: Regained, losses: Sequence[Loss]) -> str:
         )
         each.setdefault(who, []).append(notation.group(moment(found, loss.time)))
     silent = "; ".join(f"{', '.join(times)} by {who}" for who, times in each.items())
+    since = "found again since: " if found.held.shown[-1].cloud is not None else ""
     return (
-        f"{left} left by what found nothing at {silent}. If not every plot is in the log, give that sensor a longer grace, or on = false; "
+        f"{since}{left} left by what found nothing at {silent}. If not every plot is in the log, give that sensor a longer grace, or on = false; "
         "else check positions, reaches and when it is on, or take a higher fastest speed, or more particles"
     )
 
@@ -110,6 +111,8 @@ def _state(found: Regained, one: Shown) -> str:
     place = notation.position(float(lon), float(lat))
     if np.isnan(held.within[k]):
         place = f"no one place (the mean, {place}, lies outside the areas)"
+    elif held.within[k] > min(held.areas[k]):
+        place = f"{place} (a mean, outside the area of {notation.percent(min(held.areas[k]))} %)"
     course = round(float(np.degrees(held.course[k]))) % 360
     off, slower = spread(cloud, held.course[k])
     told = f"course {course:03d} +- {np.degrees(off):.0f}" if off < VAGUE else "any course"

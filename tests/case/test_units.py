@@ -242,6 +242,8 @@ def test_one_time_however_written(text: object) -> None:
         ("+6 kn", "another kind"),
         ("+200000 d", "century"),
         ("9000-01-01T00:00Z", "1800 to 2200"),
+        ("+4", r'"\+4" has no unit; write it like "\+4 min"'),
+        ("-0.5", r'"-0.5" has no unit'),
     ],
 )
 def test_wrong_or_ambiguous_time_is_refused(value: object, words: str) -> None:

@@ -174,3 +174,12 @@ def test_the_command_writes_the_same_bits_with_one_thread_and_two(tmp_path: Path
     rows = list(csv.DictReader((tmp_path / "1" / "experiment.csv").read_text(encoding="utf-8").splitlines()))
     assert len(rows) == 10 * 4
     assert {row["published"] for row in rows if row["way"] == "naive, combined"} == {"7.52", "116.3", "12.69", ""}
+
+
+def test_runs_that_are_all_alike_have_no_standard_error_of_rounding() -> None:
+    alike = np.full(10, 10 / 21 * 100) * (1 + np.array([0, 1e-16] * 5))
+    alike[3] = np.nextafter(alike[3], 100)
+    figure = Figure("track held", "%", alike[None])
+    assert 0 < figure.error()[0] < 1e-12
+    assert text._told(figure.mean()[0], figure.error()[0]) == ("47.62",)
+    assert text._told(47.61904, 1e-7) == ("47.61904000", "+-", "0.00000010")

@@ -381,12 +381,26 @@ fastest = "32 kn"
         "fewer than 10 % of the particles were left by what found nothing at 050206ZMAR26 by radar (within 18 nmi, grace 5 min)"
         in said
     )
+    assert "found again since" not in said
     assert (tmp_path / "out" / "track.png").exists()
     found = drift.track(tmp_path / "c.toml")
     assert files.numbers(found)["shown"][-1] == {
         "time": "2026-03-05T03:00:00Z", "held": False, "others_holding": 0,
     }  # fmt: skip
     assert files.numbers(found)["lost"] == [{"time": "2026-03-05T02:06:00Z", "sensors": ["radar"]}]
+
+
+def test_a_mean_beside_the_half_that_is_likeliest_and_a_track_that_is_found_again_are_told() -> None:
+    """The area of 50 % of another time in its place holds no mean; losses by a radar whose silence is told of while the end has a track."""
+    held = holding.hold(replace(tracking.load("lost_contact", SMALL), pursuit=None))
+    k = held.row(held.shown[2].time)
+    when = notation.group(text.moment(Regained(held), held.time[k]))
+    assert held.within[k] == 0.5
+    assert "outside the area" not in text.facts(Regained(held))[when]
+    apart = tuple({0.5: held.areas[held.row(held.shown[0].time)][0.5], 0.9: own.get(0.9)} if j == k else own for j, own in enumerate(held.areas))  # fmt: skip
+    assert "W (a mean, outside the area of 50 %), course" in text.facts(Regained(replace(held, areas=apart)))[when]
+    lost = (holding.Loss(float(held.time[1]), held.study.sensors[:1]),)
+    assert text.facts(Regained(replace(held, lost=lost)))["lost"].startswith("found again since: fewer than 10 %")
 
 
 def test_what_has_no_detections_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
