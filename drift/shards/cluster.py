@@ -8,7 +8,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, wait
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +61,7 @@ def connected(workers: int | None, address: str | None) -> Iterator[Any]:
             if workers is None and not str(address).startswith("ucx"):
                 distributed.comm.get_address_host_port(address)  # a client of no address would close for a minute
             client = stack.enter_context(distributed.Client(address, timeout=PATIENCE, set_as_default=False))
-        except (OSError, TimeoutError, ValueError) as error:
+        except (OSError, asyncio.TimeoutError, ValueError) as error:
             raise UserError(f"--cluster {address}: no cluster answers there ({_line(error)})") from error
         yield client
 
@@ -106,7 +106,7 @@ def workers_of(client: Any) -> Workers:
 
 def _asked(client: Any, function: Callable[..., Any], *given: Any) -> dict[str, Any]:
     """Return what all workers answer, by address, but those that are lost meanwhile."""
-    told, lost = {}, (_dask().comm.CommClosedError, ConnectionError, TimeoutError)
+    told, lost = {}, (_dask().comm.CommClosedError, ConnectionError, asyncio.TimeoutError)
     # client.run would wait for ever for a machine that hangs.
     answers = client.sync(client._run, function, *given, on_error="return", callback_timeout=WAIT)
     for address, answer in answers.items():
@@ -154,8 +154,8 @@ def moved(
         check(client, kept.folder)
         folder, given = str(kept.folder.absolute()), dict(mark)  # with each: what is scattered goes with its worker
         tasks = [client.submit(worker.move, folder, given, unit, pure=False, retries=0) for unit in units]
-        for done, task in enumerate(_each(client, tasks, told), 1):
-            kept.sound.add(task.result())  # the worker has just taken its digest
+        for done, (_, sound) in enumerate(_each(client, tasks, told), 1):
+            kept.sound.add(sound)  # the worker has just taken its digest
             tell(done)
 
 
@@ -165,7 +165,7 @@ def begun(client: Any, case: Case, mark: Mapping[str, str], clock: Clock, layout
     with _answered(told):
         check(client)
         tasks = [client.submit(worker.begun, case, dict(mark), clock, part, pure=False, retries=0) for part in layouts]
-        found = {task.key: task.result() for task in _each(client, tasks, told)}
+        found = dict(_each(client, tasks, told))
     return [found[task.key] for task in tasks]
 
 
@@ -185,12 +185,15 @@ def _answered(kept: Callable[[], str]) -> Iterator[None]:
         yield
     except distributed.KilledWorker as error:
         raise UserError(f"worker after worker died of a shard ({_line(error)}); {kept()}") from error
-    except (distributed.comm.CommClosedError, asyncio.CancelledError, CancelledError, TimeoutError) as error:
+    except (distributed.comm.CommClosedError, asyncio.CancelledError, CancelledError, asyncio.TimeoutError) as error:
         raise UserError(f"the cluster is lost ({_line(error)}); {kept()}") from error
 
 
-def _each(client: Any, tasks: Sequence[Any], kept: Callable[[], str]) -> Iterator[Any]:
-    """Yield tasks as they are done; kept: what is kept of the run where the cluster is lost, in words."""
+def _each(client: Any, tasks: Sequence[Any], kept: Callable[[], str]) -> Iterator[tuple[str, Any]]:
+    """Yield the keys of tasks and what they return, as they are done.
+
+    kept: what is kept of the run where the cluster is lost, in words.
+    """
     done = _dask().as_completed(tasks, loop=client.loop)
     looked = time.monotonic()
     try:
@@ -202,21 +205,28 @@ def _each(client: Any, tasks: Sequence[Any], kept: Callable[[], str]) -> Iterato
                     looked = time.monotonic()
                 continue
             task = next(done)
-            if task.status == "error":
-                raise task.exception()
-            if task.status != "finished":
-                raise UserError(f"the cluster is lost (a shard is {task.status}); {kept()}")
-            yield task
+            yield task.key, _result(client, task, kept)
     finally:
         with contextlib.suppress(Exception):  # of a scheduler that is gone
             client.cancel(tasks)
+
+
+def _result(client: Any, task: Any, kept: Callable[[], str]) -> Any:
+    """Return what a task that is done returned, or raise what it raised.
+
+    Its worker may be lost before it has handed that over: then others do it again.
+    """
+    fetched = asyncio.run_coroutine_threadsafe(client.gather(task, asynchronous=True), client.loop.asyncio_loop)
+    while not wait([fetched], timeout=LOOK).done:
+        _first(client, f"the cluster has lost all of its workers; {kept()}")
+    return fetched.result()
 
 
 def _first(client: Any, otherwise: str) -> None:
     """Wait for a worker; raise UserError, saying what else is so, where none comes."""
     try:
         client.wait_for_workers(1, timeout=WAIT)
-    except TimeoutError:
+    except asyncio.TimeoutError:  # as dask raises it: in Python 3.10 it is not the built-in one
         raise UserError(f"{otherwise} (waited {WAIT / 60:g} min)") from None
 
 

@@ -226,6 +226,39 @@ def test_a_cluster_without_workers(
             drift.run(case, tmp_path / "out", client=client, shards=9, report=report)
 
 
+@pytest.mark.parametrize("another", [True, False])
+def test_a_worker_that_is_lost_before_it_hands_over_what_it_did(
+    case: drift.Case, made: drift.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, another: bool
+) -> None:
+    """All shards are done, one is fetched, and the only worker goes: others do them again; where none comes, a line."""
+    monkeypatch.setattr(cluster, "LOOK", 0.2)
+    out, gone = tmp_path / "out", list[bool]()
+    with cluster.connected(1, None) as client:
+
+        def report(phase: str, share: float) -> None:
+            if phase == "drift" and not gone:
+                while len(list(out.parent.glob(f".{out.name}{hidden.UNFINISHED}/shard-*.json"))) < 9:
+                    time.sleep(0.05)
+                time.sleep(0.5)  # all have been told of as finished
+                client.cluster.scale(0)
+                while client.nthreads():
+                    time.sleep(0.05)
+                gone.append(True)
+                if another:
+                    client.cluster.scale(1)
+                else:
+                    monkeypatch.setattr(cluster, "WAIT", 1)
+
+        if another:
+            runs.same(drift.run(case, out, client=client, shards=9, report=report), made)
+        else:
+            with pytest.raises(
+                drift.UserError, match=r"lost all of its workers; .*: 9 shards .* the same command goes on"
+            ):
+                drift.run(case, out, client=client, shards=9, report=report)
+    assert gone
+
+
 def test_the_scheduler_is_lost_where_shards_meet(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Between two stretches of a search nothing is under way."""
     searched, check = runs.searched(tmp_path), cluster.check
