@@ -62,6 +62,7 @@ Tracks = ti.types.argpack(
     track_drawn=Ints,  # particles drawn so far
     track_estimate=Doubles,  # (5 n,) stored: unit vector, speed [rad/s] (< 0: there is none yet) and time [s]
     track_lost=Doubles,  # [s] when it was lost last; NaN: never
+    track_left=Doubles,  # share of the cloud that the last time of detections left, before it was filled; < 0: there was none
 )  # fmt: skip
 
 Sweeps = ti.types.argpack(
@@ -76,8 +77,8 @@ Sweeps = ti.types.argpack(
 )  # fmt: skip
 
 # Of an estimate; velocities [rad/s]. level: share of the cloud that lies where it is denser than at the target; NaN: not asked.
-# lost: when the track was lost last [s], told without one too
-FIELDS = ("x", "y", "z", "east", "north", "rate", "count", "total", "level", "lost")
+# lost: when the track was lost last [s], told without one too. left: see Tracks
+FIELDS = ("x", "y", "z", "east", "north", "rate", "count", "total", "level", "lost", "left")
 WIDE = len(FIELDS)
 
 
@@ -305,6 +306,9 @@ def followed(
             clear = far
             clear_until = time + 0.999 * (ti.sqrt(nearest) - far) / ti.max(quickest, ti.f64(1e-12))
         share = ti.cast(count, ti.f64) / ti.cast(size, ti.f64)
+        if outcome == DETECTED:
+            again = tracks.track_estimate[5 * k + 3] >= 0.0 and tracks.track_estimate[5 * k + 4] == time
+            tracks.track_left[k] = -1.0 if before == 0 else ti.min(share, tracks.track_left[k]) if again else share
         if outcome == SILENT and count < before and share < rules.rule_bulk[law]:
             count = 0  # the track is lost
         elif outcome == DETECTED and (share < rules.rule_bulk[law] or count == 0):
@@ -328,6 +332,7 @@ def followed(
                     tracks.track_estimate[5 * k + d] = mean[d]
                 tracks.track_estimate[5 * k + 3], tracks.track_estimate[5 * k + 4] = rate, time
             if row >= 0:
+                estimates[place + 10] = tracks.track_left[k]
                 own_east, own_north = frame(mean)
                 for d in ti.static(range(3)):
                     estimates[place + d] = mean[d]
@@ -360,7 +365,7 @@ def follow(
     """Take clouds through their sweeps.
 
     areas: whether the level of the target is asked for at marks. size: most particles of a cloud; cloud: columns of Cloud by name, of all clouds (clouds * size,); tracks, rules,
-    sweeps, legs: columns of Tracks, Rules, Sweeps and Legs; estimates: (rows * 10,), the FIELDS of each. coast: on whose land
+    sweeps, legs: columns of Tracks, Rules, Sweeps and Legs; estimates: (rows * 11,), the FIELDS of each. coast: on whose land
     no particle is, None: anywhere.
     """
     seed0, seed1 = noise.key(seed)

@@ -68,7 +68,18 @@ def table(found: Regained) -> str:
     """Return the track as CSV."""
     held = found.held
     sized = [f"area_{notation.percent(share)}_nmi2" for share in holding.SHARES]
-    header = ["time", "detection", "lat", "lon", "course_deg", "speed_kn", "particles", "within_percent", *sized]
+    header = [
+        "time",
+        "detection",
+        "left_percent",
+        "lat",
+        "lon",
+        "course_deg",
+        "speed_kn",
+        "particles",
+        "within_percent",
+        *sized,
+    ]
     lon, lat = path.degrees(held.place)
     rows: list[list[Any]] = []
     for k, regions in enumerate(held.areas):
@@ -76,6 +87,7 @@ def table(found: Regained) -> str:
         inside = "none" if np.isnan(held.within[k]) else notation.percent(held.within[k])
         rows.append([
             notation.iso(text.moment(found, held.time[k])), "yes" if held.detected[k] else "no",
+            _percent(held.left[k] if held.detected[k] else np.nan),
             *(f"{v:.{d}f}" if regions else "" for v, d in zip(numbers, (4, 4, 1, 1), strict=True)),
             int(held.count[k]) if regions else 0, inside if regions else "",
             *(f"{regions[share].area / NMI**2:.4g}" if regions else "" for share in holding.SHARES),
@@ -129,7 +141,11 @@ def numbers(found: Regained) -> dict[str, Any]:
         {"time": notation.iso(text.moment(found, loss.time)), "sensors": [sensor.name for sensor in loss.sensors]}
         for loss in held.lost
     ]
-    return {"title": held.study.title, "shown": told, "lost": lost, **_path_numbers(found.chased)}
+    anew = [
+        {"time": notation.iso(text.moment(found, float(time))), "left": float(left)}
+        for time, left in zip(held.time[held.anew], held.left[held.anew], strict=True)
+    ]
+    return {"title": held.study.title, "shown": told, "lost": lost, "drawn_anew": anew, **_path_numbers(found.chased)}
 
 
 def _numbers(found: Regained, one: Shown) -> dict[str, Any]:

@@ -38,6 +38,8 @@ def facts(found: Regained) -> dict[str, str]:
         told["path"] = "none" if isinstance(found.chased, Failed) else _path(found, found.chased)
     if silenced := [loss for loss in held.lost if loss.sensors]:
         told["lost"] = _lost(found, silenced)
+    if held.anew.any():
+        told["drawn anew"] = _anew(found)
     warnings = _warnings(found)
     return {**told, "warning": "; ".join(warnings)} if warnings else told
 
@@ -54,10 +56,28 @@ def _lost(found: Regained, losses: Sequence[Loss]) -> str:
         )
         each.setdefault(who, []).append(notation.group(moment(found, loss.time)))
     silent = "; ".join(f"{', '.join(times)} by {who}" for who, times in each.items())
-    since = "found again since: " if found.held.shown[-1].cloud is not None else ""
+    since = (
+        "found again since, but what was known of course and speed is gone: "
+        if found.held.shown[-1].cloud is not None
+        else ""
+    )
     return (
         f"{since}{left} left by what found nothing at {silent}. If not every plot is in the log, give that sensor a longer grace, or on = false; "
         "else check positions, reaches and when it is on, or take a higher fastest speed, or more particles"
+    )
+
+
+def _anew(found: Regained) -> str:
+    """Return which plots had most of the cloud drawn anew, and what that means."""
+    held = found.held
+    filling = held.study.methods[0].filling
+    each = ", ".join(
+        f"{notation.group(moment(found, float(time)))} ({_share(left)})"
+        for time, left in zip(held.time[held.anew], held.left[held.anew], strict=True)
+    )
+    return (
+        f"from the box of what was detected at {each}, as less than bulk, {_share(filling.bulk)} of the cloud, was in it: {'all' if filling.method == 'position' else 'half'} "
+        "of what is drawn takes any course, whatever was told before; a lower bulk and more particles keep what was in the box"
     )
 
 
@@ -77,7 +97,8 @@ def _warnings(found: Regained) -> list[str]:
     if len(study.methods) > 1:
         told.append(f'followed by "{study.methods[0].name}" alone, the first of {len(study.methods)} ways')
     silenced = [loss.time for loss in held.lost if loss.sensors]  # in the second of a detection, perhaps
-    nothing = held.time[held.detected & np.isnan(held.place[:, 0]) & ~np.isin(held.time, silenced)]
+    dry = [time for time, share in doubts.ashore(study).items() if share == 1]  # told already
+    nothing = held.time[held.detected & np.isnan(held.place[:, 0]) & ~np.isin(held.time, [*silenced, *dry])]
     if nothing.size:
         times = ", ".join(dict.fromkeys(notation.group(moment(found, float(time))) for time in nothing))
         told.append(f"no water in the box of what was detected at {times}: check position, bearing and range")

@@ -3,18 +3,96 @@
 from collections import Counter
 
 import numpy as np
+import shapely
 
-from drift.tracker import detections
+from drift.tracker import detections, path, shore
 from drift.tracker.detections import Detections
 from drift.tracker.study import Study
 from geo import notation, sphere
+from geo.array import Array
+from geo.coast import shore as coast
 from geo.notation import KNOT
+
+INLAND = 1000.0  # [m] from the water, of a tracker's place that is doubted: charts, shorelines and logs differ
+MOST = 0.5  # of the box of a plot on land, from which on it is doubted
+SAMPLE = 200  # places of a tracker that are looked at, beside those that its log has
+GRID = 40  # ranges, and bearings, of a box at which land is looked for
 
 
 def of(study: Study) -> list[str]:
     """Return what must be doubted in the detections and the tracker's log of a case, each in words."""
-    told = _strayed(study)
-    return [*_plots(study, study.target), *told] if isinstance(study.target, Detections) else told
+    told = [*_strayed(study), *_inland(study)]
+    if not isinstance(study.target, Detections):
+        return told
+    dry = [
+        f"{_share(share)} of the box of the plot of {notation.group(_moment(study, time))} is land: check its bearing and range, "
+        "and the tracker's position"
+        for time, share in ashore(study).items() if share > MOST
+    ]  # fmt: skip
+    return [*_plots(study, study.target), *dry, *told]
+
+
+def ashore(study: Study) -> dict[float, float]:
+    """Return what share of the box of each plot that has a bearing and a range is land, by its time [s].
+
+    Of several at one time it is the largest.
+    """
+    found = study.target
+    assert isinstance(found, Detections)
+    whole = ~np.isnan(found.bearing) & ~np.isnan(found.range)
+    if not study.minds_land or not whole.any():
+        return {}
+    time, far, sensors = found.time[whole], found.range[whole], [study.sensors[k] for k in found.sensor[whole]]
+    reach, share, half = (np.array([getattr(one, name) for one in sensors]) for name in ("reach", "range_share", "bearing_error"))  # fmt: skip
+    middles = (np.arange(GRID) + 0.5) / GRID
+    near, outer = far * (1 - share), np.minimum(far * (1 + share), reach)
+    ranges = (near[:, None] + (outer - near)[:, None] * middles)[:, :, None]
+    bearings = (found.bearing[whole][:, None] + half[:, None] * (2 * middles - 1))[:, None, :]
+    lon, lat = (np.radians(x)[:, None, None] for x in path.degrees(study.tracker.at(time)[0]))
+    places = path.vector(*sphere.destination(lon, lat, ranges * np.sin(bearings), ranges * np.cos(bearings)))
+    dry: dict[float, float] = {}
+    for when, part in zip(time, _on_land(study, places).mean(axis=(1, 2)), strict=True):
+        dry[float(when)] = max(float(part), dry.get(float(when), 0.0))
+    return dry
+
+
+def _inland(study: Study) -> list[str]:
+    """Return where the tracker is INLAND from the water and more."""
+    way = study.tracker
+    begin, end = max(way.time[0], 0.0), min(way.time[-1], study.end)
+    if not study.minds_land or begin > end:
+        return []
+    time = np.unique(
+        np.concatenate([way.time[(way.time >= begin) & (way.time <= end)], np.linspace(begin, end, SAMPLE)])
+    )
+    place = way.at(time)[0]
+    about, far = path.frame(place), INLAND / sphere.RADIUS
+    around = [place + far * side for side in (0 * place, about.east, -about.east, about.north, -about.north)]
+    dry = np.flatnonzero(_on_land(study, np.stack(around)).all(axis=0))
+    if not dry.size:
+        return []
+    where = notation.position(*(float(x) for x in path.degrees(place[dry[0]])))
+    return [
+        f"the tracker is on land at {notation.group(_moment(study, float(time[dry[0]])))}, {where}: check latitudes and "
+        "longitudes, unless it flies"
+    ]
+
+
+def _on_land(study: Study, place: Array) -> Array:
+    """Return whether places (..., 3) are on land; in their shape (...)."""
+    box = shore.within_reach(study)
+    polygons = coast.land("gshhg", box).polygons
+    lon, lat = path.degrees(place)
+    lon = sphere.near_degrees(lon, (box.west + box.east) / 2)
+    found = np.zeros(lon.shape, bool)
+    found.flat[shapely.STRtree(shapely.points(lon.ravel(), lat.ravel())).query(polygons, predicate="intersects")[1]] = (
+        True
+    )
+    return found
+
+
+def _share(share: float) -> str:
+    return f"{100 * share:.0f} %"
 
 
 def _moment(study: Study, seconds: float) -> np.datetime64:

@@ -59,6 +59,7 @@ class Held:
     course: Array  # [rad] of the mean velocity
     speed: Array  # [m/s] mean of the particles' speeds
     count: Array  # particles
+    left: Array  # share of the cloud that the plots of the last time left, before it was filled; NaN: none was held
     areas: tuple[Mapping[float, Region], ...]  # that hold each of SHARES; none while no track is held
     shown: tuple[Shown, ...]
     lost: tuple[Loss, ...]
@@ -66,6 +67,15 @@ class Held:
     def row(self, time: float) -> int:
         """Return the row of a time [s]."""
         return int(np.searchsorted(self.time, time))
+
+    @property
+    def anew(self) -> Array:
+        """Whether plots had most of a cloud drawn anew from their box that knew of a course by two plots or more (n,)."""
+        bulk, rows = self.study.methods[0].filling.bulk, np.flatnonzero(self.detected)
+        left = self.left[rows]
+        found = np.zeros(len(self.time), bool)
+        found[rows[1:]] = ((left < bulk) | (left == 0))[1:] & ~np.isnan(left[:-1])
+        return found
 
     @cached_property
     def within(self) -> Array:
@@ -101,7 +111,8 @@ def hold(asked: Study, shore: Shoreline | None = None, tell: Callable[[float], N
     fields = held.go().fields[0, 0]
     return Held(
         asked, told, moments, np.isin(moments, found.time), fields[:, :3], np.arctan2(fields[:, 3], fields[:, 4]),
-        fields[:, 5] * sphere.RADIUS, fields[:, 6], tuple(areas), tuple(clouds), _losses(asked, found, fields[:, 9], until),
+        fields[:, 5] * sphere.RADIUS, fields[:, 6], np.where(fields[:, 10] < 0, np.nan, fields[:, 10]), tuple(areas),
+        tuple(clouds), _losses(asked, found, fields[:, 9], until),
     )  # fmt: skip
 
 

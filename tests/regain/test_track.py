@@ -20,7 +20,7 @@ from drift.case import tracking
 from drift.cli import commands
 from drift.regain import chase, files, text
 from drift.regain.record import Chased, Regained
-from drift.tracker import detections, holding, path, pursuit, said
+from drift.tracker import detections, doubts, holding, path, pursuit, said
 from drift.tracker.detections import Detections
 from drift.tracker.following import Clouds, World
 from drift.tracker.pursuit import Pursuit
@@ -400,7 +400,9 @@ def test_a_mean_beside_the_half_that_is_likeliest_and_a_track_that_is_found_agai
     apart = tuple({0.5: held.areas[held.row(held.shown[0].time)][0.5], 0.9: own.get(0.9)} if j == k else own for j, own in enumerate(held.areas))  # fmt: skip
     assert "W (a mean, outside the area of 50 %), course" in text.facts(Regained(replace(held, areas=apart)))[when]
     lost = (holding.Loss(float(held.time[1]), held.study.sensors[:1]),)
-    assert text.facts(Regained(replace(held, lost=lost)))["lost"].startswith("found again since: fewer than 10 %")
+    assert text.facts(Regained(replace(held, lost=lost)))["lost"].startswith(
+        "found again since, but what was known of course and speed is gone: fewer than 10 %"
+    )
 
 
 def test_what_has_no_detections_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
@@ -477,6 +479,97 @@ fastest = "40 kn"
 """
 
 
+PLOTS = """
+title = "x"
+start = "2026-03-05T00:00Z"
+duration = "35 min"
+every = "5 min"
+particles = 8000
+detections = "d.csv"
+land = "ignore"
+[[sensor]]
+name = "fix"
+reach = "20 nmi"
+range_ambiguity = 0
+bearing_ambiguity = 0.01
+sweep = "12 s"
+on = false
+[[sensor]]
+name = "radar"
+reach = "20 nmi"
+range_ambiguity = 0.3
+bearing_ambiguity = 20
+sweep = "12 s"
+on = false
+[[sensor]]
+name = "eyes"
+reach = "20 nmi"
+range_ambiguity = 1
+bearing_ambiguity = 180
+sweep = "12 s"
+on = false
+[[method]]
+name = "m"
+fastest = "32 kn"
+"""
+
+
+def test_what_a_plot_leaves_of_the_cloud_is_told(tmp_path: Path) -> None:
+    """A fix, and from there two plots on either side, 10 min apart: the share of the cloud in their boxes, in the plane.
+
+    The second has a tenth of it and less drawn anew too, of whom nobody knew a course; the third is told of, and not what
+    another sensor has at the same time.
+    """
+    lon, lat, _ = EARTH.fwd(-30.0, 40.0, 37.0, 5 * NMI)
+    there = f"{lat:.6f},{lon:.6f}"
+    (tmp_path / "d.csv").write_text(
+        "time,sensor,bearing,range,lat,lon\n"
+        f"+1 min,fix,37,5,40,-30\n+11 min,radar,100,2,{there}\n+21 min,radar,280,2,{there}\n+21 min,eyes,,2,{there}\n"
+        f"+31 min,eyes,,9,{there}\n",
+        encoding="utf-8",
+    )
+    (tmp_path / "c.toml").write_text(PLOTS, encoding="utf-8")
+    found = drift.track(tmp_path / "c.toml", tmp_path / "out")
+    rows = list(csv.DictReader((tmp_path / "out" / "track.csv").read_text(encoding="utf-8").splitlines()))
+    left = {row["time"][14:16]: row["left_percent"] for row in rows if row["left_percent"]}
+    assert list(left) == ["11", "21", "31"]
+    n, draw = 8000, np.random.default_rng(4)
+    first = 1.2 / (32 / 6) * 40 / 360
+    many = 400_000
+    begin = draw.uniform(1.4, 2.6, many) * np.exp(
+        1j * np.radians(draw.uniform(-20, 20, many))
+    )  # [nmi], the second's bearing ahead
+    own = draw.uniform(size=many) < 0.5
+    way = np.where(own, begin, draw.uniform(0, 32 / 6, many) * np.exp(2j * np.pi * draw.uniform(size=many)))
+    end = -(begin + way)
+    second = np.mean((np.abs(end) > 1.4) & (np.abs(end) < 2.6) & (np.abs(np.angle(end)) < np.radians(20)))
+    assert 0.005 < second < 0.1
+    exact = found.held.left[np.searchsorted(found.held.time, (660, 1260))]
+    assert [left["11"], left["21"]] == [f"{100 * share:.1f}" for share in exact]
+    for told, share in zip(exact, (first, second), strict=True):
+        assert told == pytest.approx(share, abs=3 * np.sqrt(share * (1 - share) * (1 / n + 1 / many)))
+    assert float(left["31"]) > 90
+    assert [round(held / 60) for held in found.held.time[found.held.anew]] == [21]
+    words = text.facts(found)
+    assert words["drawn anew"].startswith(
+        f"from the box of what was detected at 050021ZMAR26 ({100 * float(found.held.left[found.held.anew][0]):.2g} %), as less than bulk, 10 % of "
+    )
+    assert ": half of what is drawn takes any course" in words["drawn anew"]
+    assert json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["track"]["drawn_anew"] == [
+        {"time": "2026-03-05T00:21:00Z", "left": float(found.held.left[found.held.anew][0])}
+    ]
+    none = drift.track(tmp_path / "c.toml", changes={"method.0.fill": "position", "particles": "100", "sensor.1.bearing_ambiguity": "0.001"})  # fmt: skip
+    assert ": all of what is drawn takes any course" in text.facts(none)["drawn anew"]
+    # As advised, a lower bulk keeps what was in the box of the second, which goes on into that of another ahead.
+    plots = (tmp_path / "d.csv").read_text(encoding="utf-8")
+    (tmp_path / "d.csv").write_text(
+        plots.replace("radar,280,2,", "radar,100,4,").replace("eyes,,2,", "eyes,,4,"), encoding="utf-8"
+    )
+    kept = drift.track(tmp_path / "c.toml", changes={"method.0.bulk": "0.01"})
+    assert "drawn anew" not in text.facts(kept)
+    assert kept.held.left[np.searchsorted(kept.held.time, 1260)] == 1
+
+
 def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     """A plot on the other side 3 minutes later needs 16 nmi less both boxes' slack, 8 nmi x hypot(0.05, 1 deg) each, in 3 min: 303 kn."""
     (tmp_path / "c.toml").write_text(DOUBTFUL, encoding="utf-8")
@@ -501,7 +594,13 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     )
     inland = {"land": "turn", "tracker.at": "'15 30N 091 00W'"}  # Guatemala
     told = text.facts(drift.track(tmp_path / "c.toml", changes=inland))["warning"]
+    assert told.startswith("100 % of the box of the plot of 050002ZMAR26 is land: check its bearing and range")
+    assert "no water in the box" not in told  # once is enough
+    plots = (tmp_path / "d.csv").read_text(encoding="utf-8")
+    (tmp_path / "d.csv").write_text(plots.replace(",8\n", ",\n"), encoding="utf-8")  # by bearing alone
+    told = text.facts(drift.track(tmp_path / "c.toml", changes=inland))["warning"]
     assert "no water in the box of what was detected at 050002ZMAR26, 050012ZMAR26: check position" in told
+    (tmp_path / "d.csv").write_text(plots, encoding="utf-8")
     plan = {"sensor.0.on": "{ every = '10 min', lasting = '2 min' }"}
     told = text.facts(drift.track(tmp_path / "c.toml", changes=plan))["warning"]
     assert "radar was off" not in told  # at 0002 and 0012 it still turns
@@ -515,6 +614,41 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     told = text.facts(drift.track(tmp_path / "c.toml", changes=many))["warning"]
     assert "needs" not in told
     assert "areas go by chance" not in told
+
+
+def test_plots_on_land_and_a_tracker_inland_are_told(tmp_path: Path) -> None:
+    """Off Anholt, by the full shoreline and geodesics of pyproj: a plot on the island, one off it, one by bearing alone."""
+    (tmp_path / "c.toml").write_text(DOUBTFUL, encoding="utf-8")
+    log = "time,sensor,bearing,range\n+2 min,radar,216,6.2\n+5 min,radar,206,6.3\n+9 min,radar,211,\n"
+    (tmp_path / "d.csv").write_text(log, encoding="utf-8")
+    at = {"tracker.at": "'56 47.5N 11 41.5E'", "land": "turn", "sensor.0.bearing_ambiguity": "10"}
+    asked = tracking.load(tmp_path / "c.toml", at)
+    land = shapely.union_all(shore.land("gshhg", Box(11.0, 56.4, 12.2, 57.0)).polygons)
+    shares, middles = [], (np.arange(40) + 0.5) / 40
+    for bearing, far in ((216, 6.2), (206, 6.3)):
+        ways, ranges = np.meshgrid(bearing - 10 + 20 * middles, far * NMI * (0.95 + 0.1 * middles))
+        lon, lat, _ = EARTH.fwd(np.full(ways.shape, 11 + 41.5 / 60), np.full(ways.shape, 56 + 47.5 / 60), ways, ranges)
+        shares.append(shapely.contains_xy(land, lon, lat).mean())
+    assert 0.5 < shares[0] < 1
+    assert 0 < shares[1] < 0.5
+    told = doubts.ashore(asked)
+    assert list(told) == [120.0, 300.0]  # of a bearing alone nothing is said
+    assert list(told.values()) == pytest.approx(shares, abs=1 / 1600)  # one place of the grid
+    line = f"{100 * told[120.0]:.0f} % of the box of the plot of 050002ZMAR26 is land: check its bearing and range, and the tracker's position"
+    assert doubts.of(asked) == [line]
+    assert said.facts(asked)["warning"] == line
+    assert doubts.of(tracking.load(tmp_path / "c.toml", {**at, "land": "ignore"})) == []
+    west = tracking.load(
+        tmp_path / "c.toml", {**at, "tracker.at": "'56 47.5N 9 41.5E'"}
+    )  # Jutland: of a longitude one figure is wrong
+    assert doubts.of(west)[-1] == (
+        "the tracker is on land at 050000ZMAR26, 56-47.5N 009-41.5E: check latitudes and longitudes, unless it flies"
+    )
+    quay = tracking.load(
+        tmp_path / "c.toml", {**at, "tracker.at": "'56 42.6N 11 31.8E'"}
+    )  # 600 to 1000 m from the water
+    assert shapely.contains_xy(land, 11.53, 56.71)
+    assert not any("tracker is on land" in words for words in doubts.of(quay))
 
 
 def test_clouds_that_disagree_on_whether_a_track_is_held_are_told() -> None:
