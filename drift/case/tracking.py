@@ -396,6 +396,12 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
             wrong.lines.append(
                 f'sensor "{sensor.name}": hears the target\'s radar, which is never on; give [target.radiates]'
             )
+        if target is not None and "grace" in sensor.model_fields_set:
+            wrong.lines.append(f'sensor "{sensor.name}".grace: is of detections; of a [target] every sweep is known')
+    if target is not None and table.show:
+        wrong.lines.append("show: is of detections; a [target] is followed in experiments")
+    if target is None and "experiment" in table.model_fields_set and (table.detections or table.detection):
+        wrong.lines.append("experiment: is of a [target]; detections are followed by drift track, once")
     strange = sorted(set(table.experiment.published) - {method.name for method in table.method})
     wrong.lines += [f'experiment.published: no method "{name}"' for name in strange]
     figures = study_figures(table.experiment.areas, table.experiment.criteria is not None)

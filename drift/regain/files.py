@@ -177,6 +177,6 @@ def _path_numbers(chased: Chased | Failed | None) -> dict[str, Any]:
     return {
         "path": {
             "found": True, "within_reach": chased.found.met[-1], "of_another_cloud": chased.judged[-1],
-            "plans": len(chased.found.plans),
+            "could_be_within_reach": chased.found.near, "plans": len(chased.found.plans),
         }
     }  # fmt: skip

@@ -157,7 +157,9 @@ def _path(found: Regained, chased: Chased) -> str:
     own, other = chased.found.met[-1], chased.judged[-1]
     near = f"within {chase.reach / NMI:g} nmi"
     if chase.to is None:
-        words = f"by {until} {_share(own)} of the cloud {near}"
+        words = (
+            f"by {until} {_share(own)} of the cloud {near} (of {_share(chased.found.near)} that come where it could be)"
+        )
     else:
         words = (
             f"at {notation.position(*np.degrees(chase.to))} at {until}, {_share(own)} of the cloud {near} on the way"

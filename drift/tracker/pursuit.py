@@ -63,6 +63,7 @@ class Pursued:
     path: Path
     met: Array  # share of the cloud met by each of its looks, each particle counted once
     plans: tuple[int, ...]  # steps at which a plan was made
+    near: float  # share that is, at any look until the end, where the vessel could be within reach of it if there were no land
 
 
 class Trigger:
@@ -180,7 +181,8 @@ def pursue(asked: Pursuit, forecast: Forecast, barrier: Barrier | None = None) -
     places, weight = forecast(path.standing(*asked.start, asked.begin, asked.times[-1]))
     if not weight.sum() > 0:
         raise ValueError("no track is held when it begins")
-    left, trigger = weight / weight.sum(), Trigger(asked.threshold)
+    whole = weight / weight.sum()
+    left, trigger = whole, Trigger(asked.threshold)
     plan, plans = [here], []
     met: list[float] = []
     for step in range(asked.steps + 1):
@@ -194,7 +196,9 @@ def pursue(asked: Pursuit, forecast: Forecast, barrier: Barrier | None = None) -
             places, _ = forecast(_path(asked, chart, plan))
         if step == len(plan) - 1 or (left.sum() == 0 and goal is None):
             break
-    return Pursued(_path(asked, chart, plan[: len(met)]), np.array(met), tuple(plans))
+    radius = asked.speed * (asked.times - asked.begin) + asked.reach
+    near = (path.arc(places, path.vector(*asked.start)) * sphere.RADIUS <= radius[:, None]).any(axis=0)
+    return Pursued(_path(asked, chart, plan[: len(met)]), np.array(met), tuple(plans), float(whole[near].sum()))
 
 
 def _plan(asked: Pursuit, chart: Chart, places: Array, left: Array, here: astar.Cell, step: int) -> list[astar.Cell]:

@@ -55,6 +55,8 @@ def test_a_good_case_is_read(tmp_path: Path) -> None:
         ('duration = "1 h"', 'duration = "1 h"\nwindow = 3', 'unknown key "window"; it is a key of [experiment]. Allowed: title,'),
         ("change = 0.5", 'change = 0.5\n[experiment.published.m]\n"position eror" = 2.5', 'experiment.published "m": no figure "position eror"; there are position error, course'),
         ('reach = "10 nmi"', 'reach = "10 nmi"\nseed = 3', 'sensor "eyes": unknown key "seed"; it is a key of the file itself, above its first [table]. Allowed: name,'),
+        ('reach = "10 nmi"', 'reach = "10 nmi"\ngrace = "20 min"', 'sensor "eyes".grace: is of detections; of a [target] every sweep is known'),
+        ('duration = "1 h"', 'duration = "1 h"\nshow = ["5 min"]', "show: is of detections; a [target] is followed in experiments"),
         ("range_ambiguity = 0.3", "range_ambiguity = 1.2", "range_ambiguity: 1.2 must be a share of the range, 0 (exact) to 1"),
         ("bearing_ambiguity = 1.5", "bearing_ambiguity = 200", "must be above 0 and at most 180 degrees"),
         ("change = 0.5", "change = 0.7\nseek = 0.2\nhide = 0.2", "change 0.7, seek 0.2 and hide 0.2 are 1.1 together; at most 1"),

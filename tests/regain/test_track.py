@@ -112,6 +112,12 @@ def test_a_path_is_written(tmp_path: Path) -> None:
     assert "another cloud has lost the track" in text.facts(missed)["path"]
     assert files.path_table(missed).splitlines()[-1].endswith(",,no")
     assert files.numbers(missed)["path"]["found"]
+    near = files.numbers(found)["path"]["could_be_within_reach"]
+    assert near > met[-1] / 100
+    assert (
+        f" % of the cloud within 5 nmi (of {100 * near:.0f} % that come where it could be), of another"
+        in text.facts(found)["path"]
+    )
     route = ET.parse(tmp_path / "out" / "path.gpx").getroot().findall("g:rte/g:rtept", SPACE)
     assert [float(point.get("lat", "")) for point in route] == pytest.approx(lat, abs=1e-4)
 
@@ -412,6 +418,10 @@ def test_what_has_no_detections_is_refused_and_nothing_is_written(tmp_path: Path
         drift.experiment("lost_contact", tmp_path / "out")
     assert not (tmp_path / "out").exists()
     assert "lost_contact" in tracking.shipped()
+    with pytest.raises(
+        UserError, match=r"^lost_contact.toml: experiment: is of a \[target\]; detections are followed by"
+    ):
+        drift.track("lost_contact", tmp_path / "out", changes={"experiment.runs": "3"})
 
 
 def test_what_silence_loses_in_the_second_of_a_plot_is_not_said_to_have_had_no_water(tmp_path: Path) -> None:

@@ -281,6 +281,21 @@ def test_of_what_is_never_near_nothing_is_met() -> None:
     assert (pursuit.judged(asked(reach=1.0), found, lambda _: (ways, weight)) == 0).all()
 
 
+def test_how_much_comes_where_it_could_be_met_at_all() -> None:
+    """By distances of pyproj at each look; no path meets more."""
+    question, n = asked(speed=6 * KNOT, steps=5), 2000
+    ways, weight = cloud(n, 5, question, (3.0, 2.0)), np.random.default_rng(6).random(n)
+    weight[::3] = 0.0
+    lon, lat = path.degrees(ways)
+    apart = EARTH.inv(*(np.full(lon.shape, v) for v in np.degrees([LON, LAT])), lon, lat)[2]
+    could = (apart <= (6 * KNOT * 600 * np.arange(6) + 2 * NMI)[:, None]).any(axis=0)
+    assert 0.1 < could.mean() < 0.9
+    assert (could & (apart[-1] > 6 * KNOT * 3000 + 2 * NMI)).any()  # within it for a while
+    found = pursuit.pursue(question, lambda _: (ways, weight))
+    assert found.near == pytest.approx(weight[could].sum() / weight.sum(), rel=1e-9)
+    assert 0 < found.met[-1] < found.near
+
+
 def test_a_destination_is_out_of_reach_where_the_great_circle_to_it_is_longer_than_the_way_made() -> None:
     """Nine steps of 10 min at 20 kn make 30 nmi: by pyproj one of 29.99 nmi is within, one of 30.01 is not."""
     words = r"30\.0 nmi from where it begins, which is 91 min at 20 kn, and its 9 steps last 90 min"
