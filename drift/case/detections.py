@@ -18,7 +18,7 @@ from geo.errors import UserError
 from geo.notation import NMI
 
 NEEDED = ("time", "sensor")
-ALLOWED = (*NEEDED, "bearing", "range", "lat", "lon")
+ALLOWED = (*NEEDED, "bearing", "range", "lat", "lon", "remarks")
 
 
 def _range(value: object) -> float:
@@ -145,17 +145,22 @@ def read(
     name = sources.one_file(file, folder, "detections")
     label = f"detections: {Path(name).name}"
     try:
-        table = rows.Rows(name, NEEDED, ALLOWED, words=("sensor",))
+        table = rows.Rows(name, NEEDED, ALLOWED, words=("sensor", "remarks"))
         if ("lat" in table.columns) != ("lon" in table.columns):
             raise UserError(f"{table.name}: lat and lon go together; allowed are {', '.join(ALLOWED)}")
     except UserError as error:
-        raise UserError(f"detections: {error}") from None
+        true = "; bearings are true: add the variation to magnetic ones" if "mag" in str(error).lower() else ""
+        raise UserError(f"detections: {error}{true}") from None
     wrong, log = Mistakes(), _Log(start, end, sensors)
     for line, given in table:
         with wrong.gathered(f"{label}, line {line}"):
             if given is None:
                 raise ValueError(table.wanted)
-            cells = {key: _cell(value) if key not in NEEDED else value for key, value in given.items() if value}
+            cells = {
+                key: _cell(value) if key not in NEEDED else value
+                for key, value in given.items()
+                if value and key != "remarks"
+            }
             try:
                 row = RowTable.model_validate(cells)
             except ValidationError as error:

@@ -24,6 +24,8 @@ from pydantic_core import InitErrorDetails
 
 from drift.case import units
 
+NORTH = re.compile(r"([\d.]+)\s*°?\s*([TM])(?:RUE|AG\.?|AGNETIC)?", re.IGNORECASE)  # by which north a direction is
+
 
 class Table(BaseModel):
     """A table of the case file: frozen, and no key that it doesn't know."""
@@ -158,6 +160,10 @@ def _ordered(single: Callable[[object], float]) -> BeforeValidator:
 
 
 def direction(value: object) -> float:
+    if isinstance(value, str) and (said := NORTH.fullmatch(value.strip())):
+        if said[2].upper() == "M":
+            raise ValueError(f'"{value}" is magnetic; directions are true: add the variation')
+        value = said[1]
     degrees = units.quantity(value, "deg", "direction", "120 deg")
     if not 0 <= degrees <= 360:
         raise ValueError(f"direction {value!r} must be 0 to 360 degrees clockwise from true north")

@@ -253,7 +253,7 @@ def check(asked: Pursuit) -> None:
     if not 0 <= asked.threshold <= 1:
         raise ValueError(f"threshold {asked.threshold:g} must be 0 to 1")
     if (asked.aim == "avoid") != (asked.to is not None):
-        raise ValueError("a path that avoids goes to a place; one that meets goes to none")
+        raise ValueError("a path that avoids goes to a place, to; one that meets goes to none")
     if asked.to is not None:
         away = float(path.arc(path.vector(*asked.start), path.vector(*asked.to))) * sphere.RADIUS
         lasting = asked.interval * asked.steps

@@ -184,6 +184,8 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
         (CASE + STANDS, PLAIN.replace("+9", "+99"), "line 3: time 2026-03-05T01:39:00Z is not within the case, 2026-03-05T00:00:00Z to 2026-03-05T01:00:00Z: change start or duration"),
         (CASE + STANDS, PLAIN.replace("bearing", "baering"), "unknown column baering (did you mean bearing?); allowed"),
         (CASE + STANDS, PLAIN.replace("bearing", "course"), "unknown column course; allowed are time, sensor, bearing, range, lat, lon"),
+        (CASE + STANDS, PLAIN.replace("bearing", "bearing_mag"), "; bearings are true: add the variation to magnetic ones"),
+        (CASE + STANDS, PLAIN.replace("43,", "43M,"), 'line 3: bearing: "43M" is magnetic; directions are true: add the variation'),
         (CASE + STANDS, PLAIN.replace("time,sensor", "when,sensor"), "no column time"),
         (CASE + STANDS, "time,sensor,bearing,range\n", "no detection; a track begins with one"),
         (CASE + STANDS, "", "no column time, sensor"),
@@ -207,6 +209,16 @@ def test_every_mistake_is_a_line(tmp_path: File, case: str, rows: str, words: st
         load(tmp_path, case, rows)
     assert any(words in line for line in refusal.value.lines), refusal.value.lines
     assert all("\n" not in line for line in refusal.value.lines)
+
+
+def test_remarks_are_read_over_and_directions_may_say_that_they_are_true(tmp_path: File) -> None:
+    plain = load(tmp_path, CASE + STANDS, PLAIN).target
+    noted = "".join(
+        f"{line},{'remarks' if k == 0 else 'faint; 9.6?'}\n" for k, line in enumerate(PLAIN.strip().splitlines())
+    )
+    other = load(tmp_path, CASE + STANDS, noted.replace("43,", "043T,")).target
+    for name in ("time", "sensor", "bearing", "range"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(plain, name))
 
 
 def test_a_pursuit_begins_where_the_log_last_has_the_vessel(tmp_path: File) -> None:
