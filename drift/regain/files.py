@@ -69,26 +69,20 @@ def table(found: Regained) -> str:
     held = found.held
     sized = [f"area_{notation.percent(share)}_nmi2" for share in holding.SHARES]
     header = [
-        "time",
-        "detection",
-        "left_percent",
-        "lat",
-        "lon",
-        "course_deg",
-        "speed_kn",
-        "particles",
-        "within_percent",
-        *sized,
-    ]
+        "time", "detection", "left_percent", "lat", "lon", "course_deg", "course_spread_deg", "speed_kn", "speed_std_kn",
+        "particles", "within_percent", *sized,
+    ]  # fmt: skip
     lon, lat = path.degrees(held.place)
     rows: list[list[Any]] = []
     for k, regions in enumerate(held.areas):
-        numbers = [lat[k], lon[k], np.degrees(held.course[k]) % 360, held.speed[k] / KNOT]
+        numbers = [
+            lat[k], lon[k], np.degrees(held.course[k]) % 360, np.degrees(held.off[k]), held.speed[k] / KNOT, held.slower[k] / KNOT,
+        ]  # fmt: skip
         inside = "none" if np.isnan(held.within[k]) else notation.percent(held.within[k])
         rows.append([
             notation.iso(text.moment(found, held.time[k])), "yes" if held.detected[k] else "no",
             _percent(held.left[k] if held.detected[k] else np.nan),
-            *(f"{v:.{d}f}" if regions else "" for v, d in zip(numbers, (4, 4, 1, 1), strict=True)),
+            *(f"{v:.{d}f}" if regions else "" for v, d in zip(numbers, (4, 4, 1, 1, 1, 1), strict=True)),
             int(held.count[k]) if regions else 0, inside if regions else "",
             *(f"{regions[share].area / NMI**2:.4g}" if regions else "" for share in holding.SHARES),
         ])  # fmt: skip
@@ -158,11 +152,10 @@ def _numbers(found: Regained, one: Shown) -> dict[str, Any]:
     if cloud is None:
         return told
     lon, lat = path.degrees(held.place[k])
-    off, slower = text.spread(cloud, held.course[k])
     return {
         **told, "lat": float(lat), "lon": float(lon), "within": float(held.within[k]),
         "course_deg": float(np.degrees(held.course[k]) % 360), "speed_kn": float(held.speed[k] / KNOT),
-        "particles": int(held.count[k]), "course_spread_deg": float(np.degrees(off)), "speed_std_kn": slower / KNOT,
+        "particles": int(held.count[k]), "course_spread_deg": float(np.degrees(held.off[k])), "speed_std_kn": float(held.slower[k] / KNOT),
         "area_nmi2": {notation.percent(share): region.area / NMI**2 for share, region in held.areas[k].items()},
         "other_clouds_within": {notation.percent(share): value for share, value in one.within.items()},
         "areas_of_clouds_nmi2": {notation.percent(share): [v / NMI**2 for v in size] for share, size in one.sizes.items()},

@@ -8,9 +8,8 @@ from drift.regain.record import Chased, Failed, Regained
 from drift.tracker import doubts, holding, path
 from drift.tracker.density import Region
 from drift.tracker.detections import Detections
-from drift.tracker.following import Particles
 from drift.tracker.holding import Loss, Shown
-from geo import notation, sphere
+from geo import notation
 from geo.notation import KNOT, NMI
 
 VAGUE = np.radians(90)  # spread of courses from which on none is told: if all are alike it is 104 degrees
@@ -124,8 +123,8 @@ def _rough(found: Regained, one: Shown) -> list[str]:
 
 
 def _state(found: Regained, one: Shown) -> str:
-    held, cloud = found.held, one.cloud
-    if cloud is None:
+    held = found.held
+    if one.cloud is None:
         return "no track is held"
     k = held.row(one.time)
     lon, lat = path.degrees(held.place[k])
@@ -135,18 +134,8 @@ def _state(found: Regained, one: Shown) -> str:
     elif held.within[k] > min(held.areas[k]):
         place = f"{place} (a mean, outside the area of {notation.percent(min(held.areas[k]))} %)"
     course = round(float(np.degrees(held.course[k]))) % 360
-    off, slower = spread(cloud, held.course[k])
-    told = f"course {course:03d} +- {np.degrees(off):.0f}" if off < VAGUE else "any course"
-    return f"{place}, {told}, {held.speed[k] / KNOT:.0f} +- {slower / KNOT:.0f} kn; {sizes(held.areas[k], one.sizes)}"
-
-
-def spread(cloud: Particles, course: float) -> tuple[float, float]:
-    """Return the root mean square of what courses differ from one [rad], and the standard deviation of speeds [m/s]."""
-    off = sphere.wrap(path.course(cloud.place, cloud.velocity) - course)
-    speed = np.linalg.norm(cloud.velocity, axis=1) * sphere.RADIUS
-    mean = np.average(speed, weights=cloud.weight)
-    one, two = (float(np.sqrt(np.average(v**2, weights=cloud.weight))) for v in (off, speed - mean))
-    return one, two
+    told = f"course {course:03d} +- {np.degrees(held.off[k]):.0f}" if held.off[k] < VAGUE else "any course"
+    return f"{place}, {told}, {held.speed[k] / KNOT:.0f} +- {held.slower[k] / KNOT:.0f} kn; {sizes(held.areas[k], one.sizes)}"
 
 
 def _path(found: Regained, chased: Chased) -> str:

@@ -43,7 +43,7 @@ class Shown:
     sizes: Mapping[float, tuple[float, float]]  # [m2] least and largest area of all clouds, by share
     within: Mapping[
         float, float
-    ]  # share of the others that the area of each share holds; of a cloud like them as much as of its own
+    ]  # share of the others that each area holds; of a cloud like them as much as of its own
     holding: int  # of the others that hold a track
 
 
@@ -58,6 +58,8 @@ class Held:
     place: Array  # unit vectors (n, 3)
     course: Array  # [rad] of the mean velocity
     speed: Array  # [m/s] mean of the particles' speeds
+    off: Array  # [rad] root mean square of what the particles' courses differ from that
+    slower: Array  # [m/s] standard deviation of their speeds
     count: Array  # particles
     left: Array  # share of the cloud that the plots of the last time left, before it was filled; NaN: none was held
     areas: tuple[Mapping[float, Region], ...]  # that hold each of SHARES; none while no track is held
@@ -101,18 +103,21 @@ def hold(asked: Study, shore: Shoreline | None = None, tell: Callable[[float], N
     worlds = [World(asked.tracker, told)] * (1 + OTHERS)
     coast, dry = (None, None) if shore is None else (shore.device, shore.dry)
     held = Clouds(worlds, asked.methods[:1], asked.size, asked.seed, shore=coast)
-    areas, clouds = [], []
+    areas, clouds, spreads = [], [], []
     for number, time in enumerate(moments, 1):
         own, *others = held.go(time).clouds(time)
         areas.append(_areas(own, dry))
+        spreads.append(_spread(own))
         if time in shown:
             clouds.append(_shown(float(time), own, areas[-1], others, dry))
         tell(number / len(moments))
     fields = held.go().fields[0, 0]
+    off, slower = np.array(spreads).T
+    left = np.where(fields[:, 10] < 0, np.nan, fields[:, 10])
     return Held(
         asked, told, moments, np.isin(moments, found.time), fields[:, :3], np.arctan2(fields[:, 3], fields[:, 4]),
-        fields[:, 5] * sphere.RADIUS, fields[:, 6], np.where(fields[:, 10] < 0, np.nan, fields[:, 10]), tuple(areas),
-        tuple(clouds), _losses(asked, found, fields[:, 9], until),
+        fields[:, 5] * sphere.RADIUS, off, slower, fields[:, 6], left, tuple(areas), tuple(clouds),
+        _losses(asked, found, fields[:, 9], until),
     )  # fmt: skip
 
 
@@ -121,6 +126,17 @@ def _areas(cloud: Particles, dry: Callable[[Array, Array], Array] | None) -> Map
     if not len(cloud.weight):
         return {}
     return density.areas(density.surface(cloud.place, cloud.weight, dry), SHARES)
+
+
+def _spread(cloud: Particles) -> tuple[float, float]:
+    """Return the root mean square of what courses differ from that of the mean velocity [rad], and the standard deviation of speeds [m/s]."""
+    w = cloud.weight
+    if not len(w):
+        return np.nan, np.nan
+    course = path.course(w @ cloud.place, w @ cloud.velocity)
+    off = sphere.wrap(path.course(cloud.place, cloud.velocity) - course)
+    speed = np.linalg.norm(cloud.velocity, axis=1) * sphere.RADIUS
+    return float(np.sqrt(w @ off**2)), float(np.sqrt(w @ (speed - w @ speed) ** 2))
 
 
 def _shown(

@@ -84,6 +84,9 @@ def test_a_track_is_written(tmp_path: Path) -> None:
         mean = (cloud.weight * made).sum()
         spread = np.sqrt((cloud.weight * (made - mean) ** 2).sum()) * 3600 / 1852
         assert one["speed_std_kn"] == pytest.approx(spread, rel=1e-3)
+        row = next(row for row in rows if row["time"] == one["time"])
+        for key in ("course_deg", "course_spread_deg", "speed_kn", "speed_std_kn"):
+            assert row[key] == f"{one[key]:.1f}"
         words = text.facts(found)[notation.group(text.moment(found, time))]
         assert f", course {round(one['course_deg']) % 360:03d} +- {one['course_spread_deg']:.0f}, " in words
         assert f", {one['speed_kn']:.0f} +- {one['speed_std_kn']:.0f} kn; 50 %" in words
