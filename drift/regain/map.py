@@ -16,7 +16,7 @@ from drift.maps.imprint import Imprint
 from drift.maps.sheet import Row, Sheet
 from drift.regain import text
 from drift.regain.record import Chased, Regained
-from drift.tracker import density
+from drift.tracker import density, holding
 from drift.tracker import path as paths
 from drift.tracker.detections import Detections
 from geo import notation, sphere
@@ -91,9 +91,12 @@ def _plots(found: Regained) -> Array:
 
 
 def _own(found: Regained) -> tuple[Array, Array]:
-    """Return places and times [s] of the tracker while it is known."""
-    way = found.held.study.tracker
-    time = np.linspace(max(way.time[0], 0.0), min(way.time[-1], found.held.study.end), 200)
+    """Return places and times [s] of the tracker while it is known; not where it was to go had it not gone the path."""
+    study = found.held.study
+    way, end = study.tracker, study.end
+    if isinstance(found.chased, Chased) and holding.pursues(study) and not study.logged:
+        end = min(end, found.chased.found.path.time[0])
+    time = np.linspace(max(way.time[0], 0.0), max(min(way.time[-1], end), max(way.time[0], 0.0)), 200)
     return way.at(time)[0], time
 
 

@@ -170,6 +170,15 @@ def _losses(asked: Study, found: Detections, time: Array, until: float) -> tuple
     return tuple(told)
 
 
+def pursues(asked: Study) -> bool:
+    """Return whether the tracker itself goes the path that is asked for, and no other vessel."""
+    chase = asked.pursuit
+    if chase is None:
+        return False
+    own = asked.tracker.at([chase.begin])[0][0]
+    return bool(path.arc(own, path.vector(*chase.start)) * sphere.RADIUS < SAME)
+
+
 def onward(asked: Study, seed: int, shore: DeviceCoast | None = None) -> Forecast:
     """Return what tells where the cloud's particles go while the tracker pursues them.
 
@@ -178,8 +187,7 @@ def onward(asked: Study, seed: int, shore: DeviceCoast | None = None) -> Forecas
     found, chase = asked.target, asked.pursuit
     assert isinstance(found, Detections)
     assert chase is not None
-    own = asked.tracker.at([chase.begin])[0][0]
-    joins = path.arc(own, path.vector(*chase.start)) * sphere.RADIUS < SAME
+    joins = pursues(asked)
 
     def forecast(way: Path) -> tuple[Array, Array]:
         known = asked.tracker.time < chase.begin - 1.0

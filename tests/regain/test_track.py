@@ -18,7 +18,7 @@ from pyproj import Geod
 import drift
 from drift.case import tracking
 from drift.cli import commands
-from drift.regain import chase, files, text
+from drift.regain import chase, files, map, text
 from drift.regain.record import Chased, Regained
 from drift.tracker import detections, doubts, holding, path, pursuit, said
 from drift.tracker.detections import Detections
@@ -123,6 +123,24 @@ def test_a_path_is_written(tmp_path: Path) -> None:
     )
     route = ET.parse(tmp_path / "out" / "path.gpx").getroot().findall("g:rte/g:rtept", SPACE)
     assert [float(point.get("lat", "")) for point in route] == pytest.approx(lat, abs=1e-4)
+
+
+def test_the_tracker_that_goes_a_path_is_not_drawn_on_the_legs_it_leaves(tmp_path: Path) -> None:
+    """With legs until the end of the case and a path from their tenth minute on; of another vessel's path, and of a log, all is drawn."""
+    legs = '[tracker]\nat = "14N 077W"\nlegs = [{ course = 30, speed = "20 kn" }]\n'
+    chase = '[pursuit]\nspeed = "25 kn"\nreach = "3 nmi"\nbegin = "10 min"\nstep = "5 min"\n'
+    case = DOUBTFUL.replace('[tracker]\nat = "14N 077W"\n', legs) + chase
+    (tmp_path / "c.toml").write_text(case, encoding="utf-8")
+    (tmp_path / "d.csv").write_text("time,sensor,bearing,range\n+2 min,radar,80,8\n", encoding="utf-8")
+    for changes, end in (({}, 600.0), ({"pursuit.at": "14 10N 077W"}, 1800.0)):
+        found = drift.track(tmp_path / "c.toml", changes=changes)
+        assert isinstance(found.chased, Chased)
+        place, time = map._own(found)
+        assert time[-1] == end
+        went = EARTH.inv(-77, 14, *(float(x) for x in path.degrees(place[-1])))[2]
+        assert went == pytest.approx(20 * KNOT * end, rel=1e-4)  # a rhumb line of 10 nmi at 14 N
+    log = drift.track("lost_contact", changes=SMALL)
+    assert map._own(log)[1][-1] == min(log.held.study.tracker.time[-1], log.held.study.end)
 
 
 def test_a_path_keeps_off_the_land_there_is(tmp_path: Path) -> None:
