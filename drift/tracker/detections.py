@@ -24,18 +24,17 @@ class Detections:
 
 
 def swept(sensors: tuple[Sensor, ...], found: Detections, tracker: Path, end: float) -> list[Sweeps]:
-    """Return what each sensor's sweeps came to until an end [s].
+    """Return what each sensor's sweeps came to until an end [s]: what they detected first.
 
-    A detection's box is the measured range less and more the sensor's share of it, at most its reach. Silence counts as
-    `silences` says.
+    What is drawn anew from a detection at one time is then cut by what others did not see at that time. A detection's box
+    is the measured range less and more the sensor's share of it, at most its reach. Silence counts as `silences` says.
     """
     parts = []
-    for number, (sensor, silent) in enumerate(zip(sensors, silences(sensors, found, tracker, end), strict=True)):
+    for number, sensor in enumerate(sensors):
         mine = found.sensor == number
         parts.append(_detected(sensor, found.time[mine], found.bearing[mine], found.range[mine], tracker))
-        if not sensor.hears:
-            parts.append(_silent(sensor, silent, tracker))
-    return parts
+    silent = zip(sensors, silences(sensors, found, tracker, end), strict=True)
+    return parts + [_silent(sensor, times, tracker) for sensor, times in silent if not sensor.hears]
 
 
 def silences(sensors: tuple[Sensor, ...], found: Detections, tracker: Path, end: float) -> list[Array]:

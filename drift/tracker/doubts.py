@@ -115,9 +115,10 @@ def _plots(study: Study, seen: Detections) -> list[str]:
             )
     for time, speed in zip(*detections.needed(study.sensors, seen, study.tracker), strict=True):
         if speed > fastest * 1.001:
+            digits = 0 if speed > fastest + KNOT else 2
             told.append(
-                f"the plot of {notation.group(_moment(study, time))} needs {speed / KNOT:,.0f} kn from the one before, "
-                f"fastest is {fastest / KNOT:.3g} kn: check its bearing and range"
+                f"the plot of {notation.group(_moment(study, time))} needs {speed / KNOT:,.{digits}f} kn from the one before, "
+                f"fastest is {fastest / KNOT:.4g} kn: check both"
             )
     for number, time in zip(seen.sensor, seen.time, strict=True):
         sensor = study.sensors[number]

@@ -458,6 +458,26 @@ def test_what_silence_loses_in_the_second_of_a_plot_is_not_said_to_have_had_no_w
     assert "050002ZMAR26" not in same.get("lost", "")  # then the radar's log is not whole
 
 
+@pytest.mark.parametrize("first", ["radar", "ears"])
+def test_what_is_drawn_anew_in_the_second_of_a_sweep_is_cut_by_what_that_did_not_see(
+    tmp_path: Path, first: str
+) -> None:
+    """A bearing to 60 nmi, and in its second a radar that sees 10 nmi far and nothing there, whichever stands first in the file."""
+    ears = '[[sensor]]\nname = "ears"\nreach = "60 nmi"\nrange_ambiguity = 0.8\nbearing_ambiguity = 5\nhears = true\n'
+    case = DOUBTFUL.replace("particles = 40", "particles = 3000").replace("on = false", "")
+    mark = "[[sensor]]" if first == "ears" else "[[method]]"
+    (tmp_path / "c.toml").write_text(case.replace(mark, ears + mark, 1), encoding="utf-8")
+    (tmp_path / "d.csv").write_text("time,sensor,bearing,range\n+6 min,ears,211,\n", encoding="utf-8")
+    radar = f"sensor.{0 if first == 'radar' else 1}"
+    changes = {f"{radar}.reach": "10 nmi", f"{radar}.sweep": "12 s", "show": "['6 min', '10 min']"}
+    cloud = drift.track(tmp_path / "c.toml", changes=changes).held.shown[0].cloud
+    assert cloud is not None
+    lon, lat = path.degrees(cloud.place)
+    apart = EARTH.inv(np.full(len(lon), -77.0), np.full(len(lon), 14.0), lon, lat)[2] / NMI
+    assert apart.min() > 10
+    assert len(lon) == pytest.approx(3000 * 50 / 60, abs=3 * np.sqrt(3000 * 5 / 36))  # of ranges drawn from 0 to 60 nmi
+
+
 def test_a_mean_that_lies_in_no_area_is_no_place(tmp_path: Path) -> None:
     """After a range alone the mean is on the tracker: track.csv says so, track.gpx leaves it out, and what is said calls it no one place."""
     (tmp_path / "d.csv").write_text(
