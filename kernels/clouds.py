@@ -62,7 +62,7 @@ Tracks = ti.types.argpack(
     track_drawn=Ints,  # particles drawn so far
     track_estimate=Doubles,  # (5 n,) stored: unit vector, speed [rad/s] (< 0: there is none yet) and time [s]
     track_lost=Doubles,  # [s] when it was lost last; NaN: never
-    track_left=Doubles,  # share of the cloud that the last time of detections left, before it was filled; < 0: there was none
+    track_left=Doubles,  # (2 n,) share of the cloud that the detections of the last time left, before it was filled, < 0: there was none; and 1 where so few were left that it was drawn anew
 )  # fmt: skip
 
 Sweeps = ti.types.argpack(
@@ -77,8 +77,8 @@ Sweeps = ti.types.argpack(
 )  # fmt: skip
 
 # Of an estimate; velocities [rad/s]. level: share of the cloud that lies where it is denser than at the target; NaN: not asked.
-# lost: when the track was lost last [s], told without one too. left: see Tracks
-FIELDS = ("x", "y", "z", "east", "north", "rate", "count", "total", "level", "lost", "left")
+# lost: when the track was lost last [s]; left, anew: see Tracks: these are told without a track too
+FIELDS = ("x", "y", "z", "east", "north", "rate", "count", "total", "level", "lost", "left", "anew")
 WIDE = len(FIELDS)
 
 
@@ -91,8 +91,8 @@ def cut(
 ):  # fmt: skip
     """Have particles act until sweep e, and keep those that it does not contradict, closed up to the front.
 
-    Returns how many are left, the least squared chord from the sensor to any that there was, and the sums over what is
-    left: of weights, and by weight of speeds, places and velocities.
+    Returns how many are left, the least squared chord from the sensor to any that there was, the sum of weights that there
+    was, and the sums over what is left: of weights, and by weight of speeds, places and velocities.
     """
     time, outcome, bearing, half = (
         sweeps.sweep_time[e],
@@ -107,10 +107,11 @@ def cut(
     sine, cosine, all_round = ti.sin(half), ti.cos(half), half > ti.f64(3.14159265)
     near, far = chord(sweeps.sweep_near[e]), chord(sweeps.sweep_far[e])
     left, nearest = 0, ti.f64(4.0)
-    total, rate = ti.f64(0.0), ti.f64(0.0)
+    whole, total, rate = ti.f64(0.0), ti.f64(0.0), ti.f64(0.0)
     mean, velocity = f64x3(0.0, 0.0, 0.0), f64x3(0.0, 0.0, 0.0)
     for j in range(count):
         i = base + j
+        whole += cloud.own_weight[i]
         acting = 1
         while acting == 1:
             acting = ti.cast(cloud.own_due[i] <= time, ti.i32)
@@ -144,7 +145,7 @@ def cut(
             rate += w * cloud.own_rate[i]
             mean += p * w
             velocity += u * (w * cloud.own_rate[i])
-    return left, nearest, total, rate, mean, velocity
+    return left, nearest, whole, total, rate, mean, velocity
 
 
 @ti.func
@@ -298,7 +299,7 @@ def followed(
         if outcome == SILENT and row < 0 and far <= clear and time < clear_until:
             continue
         before = count
-        count, nearest, total, rate, mean, velocity = cut(
+        count, nearest, whole, total, rate, mean, velocity = cut(
             coastal, cloud, rules, sweeps, legs, e, base, before, law, first_leg, last_leg, run, seed0, seed1, coast
         )
         clear_until = ti.f64(-NEVER)
@@ -306,12 +307,18 @@ def followed(
             clear = far
             clear_until = time + 0.999 * (ti.sqrt(nearest) - far) / ti.max(quickest, ti.f64(1e-12))
         share = ti.cast(count, ti.f64) / ti.cast(size, ti.f64)
+        few = share < rules.rule_bulk[law] or count == 0
         if outcome == DETECTED:
             again = tracks.track_estimate[5 * k + 3] >= 0.0 and tracks.track_estimate[5 * k + 4] == time
-            tracks.track_left[k] = -1.0 if before == 0 else ti.min(share, tracks.track_left[k]) if again else share
+            if not again:
+                tracks.track_left[2 * k], tracks.track_left[2 * k + 1] = 1.0 if before > 0 else -1.0, 0.0
+            if before > 0:
+                tracks.track_left[2 * k] *= total / whole
+                if tracks.track_left[2 * k] >= 0.0 and few:
+                    tracks.track_left[2 * k + 1] = 1.0
         if outcome == SILENT and count < before and share < rules.rule_bulk[law]:
             count = 0  # the track is lost
-        elif outcome == DETECTED and (share < rules.rule_bulk[law] or count == 0):
+        elif outcome == DETECTED and few:
             count, drawn = drawn_anew(
                 coastal, cloud, tracks, rules, sweeps, e, k, count, size, drawn, seed0, seed1, coast
             )
@@ -325,6 +332,7 @@ def followed(
             tracks.track_lost[k] = time
         if row >= 0:
             estimates[place + 9] = tracks.track_lost[k]
+            estimates[place + 10], estimates[place + 11] = tracks.track_left[2 * k], tracks.track_left[2 * k + 1]
         if count > 0 and (outcome == DETECTED or row >= 0):
             mean, velocity, rate = mean.normalized(), velocity / total, rate / total
             if outcome == DETECTED:
@@ -332,7 +340,6 @@ def followed(
                     tracks.track_estimate[5 * k + d] = mean[d]
                 tracks.track_estimate[5 * k + 3], tracks.track_estimate[5 * k + 4] = rate, time
             if row >= 0:
-                estimates[place + 10] = tracks.track_left[k]
                 own_east, own_north = frame(mean)
                 for d in ti.static(range(3)):
                     estimates[place + d] = mean[d]
@@ -365,7 +372,7 @@ def follow(
     """Take clouds through their sweeps.
 
     areas: whether the level of the target is asked for at marks. size: most particles of a cloud; cloud: columns of Cloud by name, of all clouds (clouds * size,); tracks, rules,
-    sweeps, legs: columns of Tracks, Rules, Sweeps and Legs; estimates: (rows * 11,), the FIELDS of each. coast: on whose land
+    sweeps, legs: columns of Tracks, Rules, Sweeps and Legs; estimates: (rows * 12,), the FIELDS of each. coast: on whose land
     no particle is, None: anywhere.
     """
     seed0, seed1 = noise.key(seed)

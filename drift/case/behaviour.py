@@ -8,6 +8,9 @@ from pydantic import BeforeValidator, model_validator
 from drift.case import fields, units
 from drift.tracker.records import Behaviour
 
+SOONEST = 1.0  # [s] between acts
+SLOWEST = 0.01  # [m/s] that anything follows
+
 
 def _bearing(value: object) -> float:
     """Return an error of bearings on either side [deg]."""
@@ -48,8 +51,10 @@ class BehaviourTable(fields.Table):
             )
         if self.acts is None and whole > 0:
             raise ValueError('change, seek and hide are at times of acts; give acts = ["3 min", "15 min"]')
-        if self.acts is not None and self.acts[0] <= 0:
-            raise ValueError("acts: the shortest time between acts must be above 0")
+        if self.acts is not None and self.acts[0] < SOONEST:
+            raise ValueError(f"acts: the shortest time between acts must be {SOONEST:g} s or more")
+        if self.fastest < SLOWEST:
+            raise ValueError(f"fastest {self.fastest:g} m/s must be {SLOWEST:g} m/s or more")
         return self
 
     def behaviour(self) -> Behaviour:

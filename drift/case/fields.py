@@ -216,6 +216,7 @@ _area = _quantity("m^2", "area", "120 nmi2")
 
 Length = Annotated[float, _length]
 Width = Annotated[float, _quantity("m", "width", "5 nmi", above=True, high=2_000_000)]
+Reach = Annotated[float, _quantity("m", "distance", "5 nmi", above=True, high=2_000_000)]
 Depth = Annotated[float, _quantity("m", "depth", "0 m", high=12_000)]
 Speed = Annotated[float, _quantity("m/s", "speed", "12 kn", high=150)]
 WindSpeed = Annotated[float, _quantity("m/s", "wind", "12 kn", high=90)]
@@ -249,6 +250,8 @@ def _percents(value: object) -> tuple[float, ...]:
     for one in value:
         if isinstance(one, bool) or not isinstance(one, int | float) or not 0 < one < 100:
             raise ValueError(f"{one!r} must be a percentage above 0 and below 100")
+        if one < 1:
+            raise ValueError(f"{one!r} would be less than a per cent; write {100 * one:g} for a share of {one:g}")
         shares.append(float(one) / 100)
     return tuple(sorted(set(shares)))
 

@@ -62,10 +62,15 @@ class Rows:
 
     def _rows(self) -> Iterator[list[str]]:
         """Give the values of each line that has any and is no comment."""
-        for row in self._reader:
-            values = [value.strip() for value in row]
-            if any(values) and not values[0].startswith("#"):
-                yield values
+        try:
+            for row in self._reader:
+                values = [value.strip() for value in row]
+                if any(values) and not values[0].startswith("#"):
+                    yield values
+        except csv.Error as error:
+            raise UserError(
+                f"{self.name}, line {self._reader.line_num}: {error}; is a quotation mark open above?"
+            ) from None
 
     @property
     def wanted(self) -> str:

@@ -14,6 +14,8 @@ from geo.array import Array
 from geo.errors import UserError
 from geo.notation import KNOT
 
+NEAR_POLE = np.radians(90 - 1e-6)  # [rad] of latitude
+
 FASTEST = 150.0  # [m/s] of a tracker
 
 
@@ -47,6 +49,8 @@ class WayTable(fields.Table):
                 legs.append(Leg(math.radians(leg.course), leg.speed, lasting))
             left -= lasting
         lon, lat = np.radians(self.at)
+        if legs and abs(lat) > NEAR_POLE:
+            raise ValueError("legs: from a pole all courses lead the same way; begin beside it")
         return path.of_legs(float(lon), float(lat), legs)
 
 
@@ -73,7 +77,7 @@ class TrackerTable(fields.Table):
 def way(table: TrackerTable, own: path.Path | None, start: np.datetime64, end: float, folder: Path) -> path.Path:
     """Return where the tracker is; own: by the file of detections."""
     if own is not None and (table.at is not None or table.track is not None):
-        raise ValueError("the file of detections says where it was (lat, lon); leave at and track out")
+        raise ValueError("the detections say where it was (lat, lon); leave at and track out")
     if table.at is not None:
         way = WayTable(at=table.at, legs=table.legs).way(end)
         # It stays where its legs end.

@@ -42,6 +42,8 @@ LARGEST = 2**20  # [bytes] of such a file
 MOST_SWEEPS = 2_000_000  # of one sensor in a run
 MOST = 100_000  # runs, and particles of a cloud
 SHORTEST = 0.1  # [s] between sweeps
+MOST_FIGURES = {"experiment": 100_000, "track": 5_000}  # times at which figures are taken
+MOST_SHOWN = 50  # times at which a cloud is drawn
 
 
 def _ambiguity(value: object) -> float:
@@ -71,7 +73,9 @@ class PlanTable(fields.Table):
 
     @model_validator(mode="after")
     def proper(self) -> "PlanTable":
-        """Refuse times that run into one another."""
+        """Refuse times that run into one another, and more of them than any radar has."""
+        if self.every < SHORTEST:
+            raise ValueError(f"every {self.every:g} s must be {SHORTEST:g} s or more")
         if self.lasting > self.every:
             raise ValueError(
                 f"lasting, {notation.lasting(self.lasting)}, is longer than every, {notation.lasting(self.every)}"
@@ -107,7 +111,7 @@ class SensorTable(fields.Table):
 
     name: fields.Label
     """What it is called."""
-    reach: fields.Width
+    reach: fields.Reach
     """How far."""
     range_ambiguity: Ambiguity
     """0: ranges are exact; 1: nothing is told of them."""
@@ -174,7 +178,7 @@ class MethodTable(BehaviourTable):
 class CriteriaTable(fields.Table):
     """How near an estimate must be."""
 
-    position: fields.Width
+    position: fields.Reach
     """Distance."""
     course: BearingError
     """Degrees."""
@@ -204,11 +208,11 @@ class PursuitTable(fields.Table):
     """To meet the target, or to keep out of its way."""
     speed: fields.ShipSpeed
     """Of the vessel."""
-    reach: fields.Width
+    reach: fields.Reach
     """Within which it sees the target, or is seen."""
     begin: fields.Moment | None = None
-    """After the start, or a date and time; by default the last detection, or where the detections' file last says where the tracker was if that is later. From
-    then on the vessel's own looks count, and a sensor's silence only as long as a log or a track says where the tracker was."""
+    """After the start, or a date and time; by default the last detection, or until when a log or a track says where the tracker was if that is later. The path
+    is planned on what was seen, and not seen, until then; from then on the vessel's own looks count."""
     lasting: fields.Duration | None = None
     """How long; until the end of the case by default."""
     step: fields.Duration = 600.0
@@ -244,6 +248,10 @@ class PursuitTable(fields.Table):
             raise ValueError(f"begin {told(begin)} is before the last detection, {told(seen[-1])}")
         if begin + lasting > end + 1e-6:
             raise ValueError(f"it would last until {told(begin + lasting)}, the case until {told(end)}")
+        if begin + self.step > end + 1e-6:
+            raise ValueError(
+                f"begins {told(begin)}, and the case ends {told(end)}: there is no step of {notation.lasting(self.step)} between"
+            )
         if self.at is None and not tracker.time[0] <= begin <= tracker.time[-1]:
             raise ValueError(f"nobody says where the tracker is at {told(begin)}; give at, or another begin")
         place = np.radians(self.at) if self.at is not None else np.radians(path.degrees(tracker.at([begin])[0][0]))
@@ -370,6 +378,13 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
             wrong.lines.append(f"{what}: {value:,} must be 1 to {MOST:,}")
     if not 0 <= table.seed < 2**64:
         wrong.lines.append(f"seed: {table.seed} must be 0 to 2**64 - 1")
+    most = MOST_FIGURES["experiment" if table.target is not None else "track"]
+    if table.duration / table.every > most:
+        wrong.lines.append(
+            f"every: asks for more than {most:,} figures; the case lasts {notation.lasting(table.duration)}"
+        )
+    if len(table.show) > MOST_SHOWN:
+        wrong.lines.append(f"show: {len(table.show)} times; at most {MOST_SHOWN}")
     if table.every > table.duration:
         wrong.lines.append(
             f"every: {notation.lasting(table.every)} is longer than the case, {notation.lasting(table.duration)}"
@@ -454,7 +469,12 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
             if not isinstance(followed, Detections):
                 raise ValueError("is of detections; a [target] is followed in experiments")
             chase = table.pursuit.pursuit(
-                followed.time, tracker, 0.0 if own is None else float(own.time[-1]), start, table.duration, told
+                followed.time,
+                tracker,
+                0.0 if table.tracker.at is not None else float(tracker.time[-1]),
+                start,
+                table.duration,
+                told,
             )
     wrong.refuse()
     criteria = table.experiment.criteria

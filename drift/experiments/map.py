@@ -41,16 +41,29 @@ def _scatter(found: Experiment, path: Path, imprint: Imprint) -> None:
         )
     )  # fmt: skip
     sheet.head(
-        on, imprint, f"{found.runs:,} runs, each of {found.about}: dots are runs, bars the mean and two standard errors"
-    )
+        on, imprint,
+        f"{found.runs:,} runs, each of {found.about}: dots are runs, bars the mean and two standard errors"
+        + ("; at the right the difference from the first, run by run" if len(found.ways) > 1 else ""),
+    )  # fmt: skip
     for number, figure in enumerate(found.figures):
         bottom = 1 - (1.0 + each * number + gap * 0.4 + row * len(found.ways)) / height
-        axes: Axes = on.figure.add_axes((0.2, bottom, 0.76, row * len(found.ways) / height))
+        axes: Axes = on.figure.add_axes(
+            (0.2, bottom, 0.76 if len(found.ways) == 1 else 0.63, row * len(found.ways) / height)
+        )
         _dress(axes, figure.name)
         mean, error = figure.mean(), figure.error()
         for k in range(len(found.ways)):
             colour = COLOURS[k % len(COLOURS)]
             axes.plot(figure.values[k], np.full(found.runs, k), ".", color=colour, alpha=0.5, markersize=5)
+            axes.text(
+                1.02,
+                k,
+                text.difference(figure, k),
+                fontsize=8.5,
+                color=INK,
+                va="center",
+                transform=axes.get_yaxis_transform(),
+            )
             axes.errorbar(mean[k], k, xerr=2 * np.nan_to_num(error[k]), fmt="|", color=INK, markersize=11, capsize=0)
         axes.set_ylim(len(found.ways) - 0.4, -0.6)
         axes.set_yticks(range(len(found.ways)), page.names(found.ways, 26))
@@ -116,7 +129,7 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
     if met is not None:
         axes = _panel(on, height, over + 0.3, panels - 1, "Criteria met [% of runs]")
         ended = met.values[np.isfinite(met.values)]
-        last = max(float(np.quantile(ended, 0.99)) if ended.size else 1.0, 0.1)
+        last = max(min(1.05 * float(ended.max(initial=0.0)), asked.end / 60), asked.every / 60)
         for group, (colour, dash) in zip(groups, styles, strict=True):
             times = np.sort(met.values[group[0]][np.isfinite(met.values[group[0]])])
             share = 100 * np.arange(1, len(times) + 1) / asked.runs

@@ -8,7 +8,7 @@ import numpy as np
 
 from drift.experiments.record import Experiment
 from drift.output import formats
-from drift.tracker.figures import QUANTILES
+from drift.tracker.figures import QUANTILES, Figure
 from drift.tracker.study import HELD, MET
 
 
@@ -32,7 +32,7 @@ def called(found: Experiment, group: list[int]) -> str:
 
 
 def facts(found: Experiment) -> Mapping[str, str]:
-    """Return a line for each way of following, those that came to the same in one."""
+    """Return a line for each way of following, those that came to the same in one; in brackets what it differs from the first, run by run."""
     told = {}
     for group in alike(found):
         parts = []
@@ -41,25 +41,36 @@ def facts(found: Experiment) -> Mapping[str, str]:
             if figure.name == HELD and mean == 100.0:
                 continue
             words = " ".join([figure.name, *_told(mean, error), figure.unit]).rstrip()
+            if apart := difference(figure, group[0]):
+                words += f" ({apart})"
             if figure.name == MET:  # a few runs that take long make its mean, and one that never does has none
                 middle = figure.quantiles()[group[0], QUANTILES.index(0.5)]
                 median = f"median {middle:.3g}" if np.isfinite(middle) else "median never"
-                words = f"{words}, {median}" if np.isfinite(mean) else f"{figure.name} {median} {figure.unit}"
+                words = f"{words}, {median} {figure.unit}" if np.isfinite(mean) else f"{figure.name} {median}"
                 parts.append(words + f" (never in {missing} of {found.runs} runs)" * bool(missing))
                 continue
             parts.append(words + f" (none in {missing} runs)" * bool(missing))
         told[called(found, group)] = "; ".join(parts)
+    if len(told) > 1:
+        told["in brackets"] = "the difference from the first, run by run"
     return told
 
 
-def _told(mean: float, error: float) -> tuple[str, ...]:
-    """Return a mean with its standard error, to two digits of that."""
+def difference(figure: Figure, way: int) -> str:
+    """Return what a figure of a way differs from that of the first, run by run; nothing of the first itself, and where it is unknown."""
+    mean, error = (row[way] for row in figure.difference())
+    return " ".join(_told(mean, error, sign=True)) if way > 0 and np.isfinite(mean) else ""
+
+
+def _told(mean: float, error: float, sign: bool = False) -> tuple[str, ...]:
+    """Return a mean with its standard error, to two digits of that; sign: of a difference."""
+    plus = "+" if sign else ""
     if not np.isfinite(mean):
         return ("none",)
     if not np.isfinite(error) or error <= 1e-9 * abs(mean):  # all runs alike, but for rounding
-        return (f"{mean:.4g}",)
+        return (f"{mean:{plus}.4g}",)
     digits = max(1 - math.floor(math.log10(error)), 0)
-    return f"{mean:,.{digits}f}", "+-", f"{error:,.{digits}f}"
+    return f"{mean:{plus},.{digits}f}", "+-", f"{error:,.{digits}f}"
 
 
 def published(found: Experiment, way: int, name: str) -> float | None:
@@ -82,7 +93,7 @@ def table(found: Experiment) -> str:
         for figure in found.figures:
             rows.append([
                 name, figure.name, figure.unit, found.runs, _cell(figure.mean()[way]), _cell(figure.error()[way]),
-                *(_cell(value) for value in figure.quantiles()[way]), int(figure.missing()[way]), *(_cell(value[way]) for value in figure.difference()),
+                *(_endless(value) for value in figure.quantiles()[way]), int(figure.missing()[way]), *(_cell(value[way]) for value in figure.difference()),
                 published(found, way, figure.name), published(found, way, f"median {figure.name}"),
             ])  # fmt: skip
     return formats.csv_text(header, rows)
@@ -90,9 +101,13 @@ def table(found: Experiment) -> str:
 
 def runs(found: Experiment) -> str:
     """Return the figures of each run."""
-    header = ["way", "run", *(f"{figure.name} [{figure.unit}]".replace(" ", "_") for figure in found.figures)]
+    header = [
+        "way",
+        "run",
+        *(f"{figure.name} [{figure.unit}]".removesuffix(" []").replace(" ", "_") for figure in found.figures),
+    ]
     rows = [
-        [name, run + 1, *(_cell(figure.values[way, run]) for figure in found.figures)]
+        [name, run + 1, *(_endless(figure.values[way, run]) for figure in found.figures)]
         for way, name in enumerate(found.ways)
         for run in range(found.runs)
     ]
@@ -115,6 +130,11 @@ def times(found: Experiment) -> str:
     return formats.csv_text(header, rows)
 
 
+def _endless(value: float) -> float | None:
+    """Return a value of a table, inf of what came to no end."""
+    return float("inf") if np.isposinf(value) else _cell(value)
+
+
 def _cell(value: float) -> float | None:
     return float(f"{value:.6g}") if np.isfinite(value) else None
 
@@ -127,6 +147,7 @@ def numbers(found: Experiment) -> dict[str, Any]:
             {
                 "way": name, "figure": figure.name, "unit": figure.unit, "mean": _cell(figure.mean()[way]),
                 "standard_error": _cell(figure.error()[way]), "runs_without": int(figure.missing()[way]),
+                **{key: _cell(value[way]) for key, value in zip(("difference", "difference_standard_error"), figure.difference(), strict=True)},
                 "quantiles": {f"{share:g}": _cell(value) for share, value in zip(QUANTILES, figure.quantiles()[way], strict=True)},
                 "published": published(found, way, figure.name), "published_median": published(found, way, f"median {figure.name}"),
             }

@@ -255,7 +255,7 @@ def _chase(axes: Axes, frame: Frame, found: Regained, chased: Chased) -> list[tu
     (spots,) = axes.plot(x[:looks], y[:looks], "o", color=PATH, markerfacecolor="white", markersize=5, zorder=11)
     anew = list(chased.found.plans)
     (plans,) = axes.plot(x[anew], y[anew], "o", color=PATH, markersize=5.5, zorder=12)
-    about = f"path to {chase.aim} it, looks every {chase.interval / 60:g} min\nto {chase.reach / NMI:g} nmi"
+    about = f"path to {chase.aim} it, looks every {chase.interval / 60:g} min\nto {chase.reach / NMI:.4g} nmi"
     symbols: list[tuple[Any, str]] = [((line, spots), about), (plans, "planned, or planned anew")]
     if chase.to is not None:
         (goal,) = axes.plot(

@@ -50,7 +50,7 @@ def _lost(found: Regained, losses: Sequence[Loss]) -> str:
     each: dict[str, list[str]] = {}
     for loss in losses:
         who = " and ".join(
-            f"{sensor.name} (within {sensor.reach / NMI:g} nmi, grace {notation.lasting(sensor.grace)})"
+            f"{sensor.name} (within {sensor.reach / NMI:.4g} nmi, grace {notation.lasting(sensor.grace)})"
             for sensor in loss.sensors
         )
         each.setdefault(who, []).append(notation.group(moment(found, loss.time)))
@@ -75,7 +75,7 @@ def _anew(found: Regained) -> str:
         for time, left in zip(held.time[held.anew], held.left[held.anew], strict=True)
     )
     return (
-        f"from the box of what was detected at {each}, as less than bulk, {_share(filling.bulk)} of the cloud, was in it: {'all' if filling.method == 'position' else 'half'} "
+        f"from the box of what was detected at {each}, as fewer than bulk, {_share(filling.bulk)} of the particles, were in it: {'all' if filling.method == 'position' else 'half'} "
         "of what is drawn takes any course, whatever was told before; a lower bulk and more particles keep what was in the box"
     )
 
@@ -96,15 +96,22 @@ def _warnings(found: Regained) -> list[str]:
     if len(study.methods) > 1:
         told.append(f'followed by "{study.methods[0].name}" alone, the first of {len(study.methods)} ways')
     silenced = [loss.time for loss in held.lost if loss.sensors]  # in the second of a detection, perhaps
-    dry = [time for time, share in doubts.ashore(study).items() if share == 1]  # told already
-    nothing = held.time[held.detected & np.isnan(held.place[:, 0]) & ~np.isin(held.time, [*silenced, *dry])]
+    nothing = held.time[held.detected & np.isnan(held.place[:, 0]) & ~np.isin(held.time, silenced)]
     if nothing.size:
         times = ", ".join(dict.fromkeys(notation.group(moment(found, float(time))) for time in nothing))
-        told.append(f"no water in the box of what was detected at {times}: check position, bearing and range")
+        told.append(
+            f"no track is held from {times} on, as no water is in the box of what was detected: check position, bearing and range"
+        )
     if held.shown[-1].cloud is None:
         told.append("no track is held at the end")
     if isinstance(found.chased, Failed):
         told.append(f"no path: {found.chased.why}")
+    known = min(float(study.tracker.time[-1]), study.end)
+    if study.pursuit is not None and study.logged and known > study.pursuit.begin + 1:
+        told.append(
+            f"the path is planned on what was known at its begin, {notation.group(moment(found, study.pursuit.begin))}, and the tracker's log "
+            f"goes on until {notation.group(moment(found, known))}: what was not seen since counts in the track alone; leave begin out"
+        )
     return told
 
 
@@ -144,7 +151,7 @@ def _path(found: Regained, chased: Chased) -> str:
     assert chase is not None
     until = notation.group(moment(found, chased.found.path.time[-1]))
     own, other = chased.found.met[-1], chased.judged[-1]
-    near = f"within {chase.reach / NMI:g} nmi"
+    near = f"within {chase.reach / NMI:.4g} nmi"
     if chase.to is None:
         words = (
             f"by {until} {_share(own)} of the cloud {near} (of {_share(chased.found.near)} that come where it could be)"

@@ -82,7 +82,7 @@ def ordered(sensors: tuple[Sensor, ...], found: Detections, tracker: Path, momen
 
 
 def needed(sensors: tuple[Sensor, ...], found: Detections, tracker: Path) -> tuple[Array, Array]:
-    """Return the times [s] of detections that tell a place and follow another, and the least speed [m/s] between the boxes of the two."""
+    """Return the times [s] of detections that tell a place and follow another, and a speed [m/s] that the target had at least between the boxes of the two."""
     own = ~np.isnan(found.bearing) & ~np.isnan(found.range)
     time, bearing, far = found.time[own], found.bearing[own], found.range[own]
     share, error = (

@@ -7,7 +7,7 @@ import shapely
 
 from drift.tracker import detections, path, shore
 from drift.tracker.detections import Detections
-from drift.tracker.study import Study
+from drift.tracker.study import Scene, Study
 from geo import notation, sphere
 from geo.array import Array
 from geo.coast import shore as coast
@@ -57,33 +57,37 @@ def ashore(study: Study) -> dict[float, float]:
 
 
 def _inland(study: Study) -> list[str]:
-    """Return where the tracker is INLAND from the water and more."""
-    way = study.tracker
-    begin, end = max(way.time[0], 0.0), min(way.time[-1], study.end)
-    if not study.minds_land or begin > end:
-        return []
-    time = np.unique(
-        np.concatenate([way.time[(way.time >= begin) & (way.time <= end)], np.linspace(begin, end, SAMPLE)])
-    )
-    place = way.at(time)[0]
-    about, far = path.frame(place), INLAND / sphere.RADIUS
-    around = [place + far * side for side in (0 * place, about.east, -about.east, about.north, -about.north)]
-    dry = np.flatnonzero(_on_land(study, np.stack(around)).all(axis=0))
-    if not dry.size:
-        return []
-    where = notation.position(*(float(x) for x in path.degrees(place[dry[0]])))
-    return [
-        f"the tracker is on land at {notation.group(_moment(study, float(time[dry[0]])))}, {where}: check latitudes and "
-        "longitudes, unless it flies"
-    ]
+    """Return where the tracker, and a target that is followed in an experiment, are inland: no water is within INLAND north, south, east or west, nor between."""
+    ways = {"tracker": study.tracker}
+    if isinstance(study.target, Scene):
+        ways["target"] = study.target.way
+    told = []
+    for who, way in ways.items() if study.minds_land else ():
+        begin, end = max(way.time[0], 0.0), min(way.time[-1], study.end)
+        known = way.time[(way.time >= begin) & (way.time <= end)]
+        time = np.unique(np.concatenate([known, np.linspace(begin, max(begin, end), SAMPLE)]))
+        lon, lat, polygons = _placed(study, way.at(time)[0])
+        high = float(np.degrees(INLAND / sphere.RADIUS))
+        wide = high / np.maximum(np.cos(np.radians(lat)), 0.01)
+        squares = shapely.STRtree(shapely.box(lon - wide, lat - high, lon + wide, lat + high))
+        if (dry := np.sort(squares.query(polygons, predicate="covers")[1])).size:
+            told.append(
+                f"the {who} is on land at {notation.group(_moment(study, float(time[dry[0]])))}, "
+                f"{notation.position(float(lon[dry[0]]), float(lat[dry[0]]))}: check latitudes and longitudes, unless it flies"
+            )
+    return told
+
+
+def _placed(study: Study, place: Array) -> tuple[Array, Array, Array]:
+    """Return (lon, lat) [deg] of unit vectors (..., 3), and the polygons of land about them."""
+    box = shore.within_reach(study)
+    lon, lat = path.degrees(place)
+    return sphere.near_degrees(lon, (box.west + box.east) / 2), lat, coast.land("gshhg", box).polygons
 
 
 def _on_land(study: Study, place: Array) -> Array:
     """Return whether places (..., 3) are on land; in their shape (...)."""
-    box = shore.within_reach(study)
-    polygons = coast.land("gshhg", box).polygons
-    lon, lat = path.degrees(place)
-    lon = sphere.near_degrees(lon, (box.west + box.east) / 2)
+    lon, lat, polygons = _placed(study, place)
     found = np.zeros(lon.shape, bool)
     found.flat[shapely.STRtree(shapely.points(lon.ravel(), lat.ravel())).query(polygons, predicate="intersects")[1]] = (
         True
@@ -102,10 +106,9 @@ def _moment(study: Study, seconds: float) -> np.datetime64:
 def _plots(study: Study, seen: Detections) -> list[str]:
     """Return which plots are too far from the one before, stand twice, or were made by what was off."""
     fastest, told = study.methods[0].behaviour.fastest, []
+    bearing = np.round(np.mod(seen.bearing, 2 * np.pi), 9) % round(2 * np.pi, 9)
     rows = Counter(
-        zip(
-            seen.time, seen.sensor, *(np.nan_to_num(part, nan=-1.0) for part in (seen.bearing, seen.range)), strict=True
-        )
+        zip(seen.time, seen.sensor, *(np.nan_to_num(part, nan=-1.0) for part in (bearing, seen.range)), strict=True)
     )
     for (time, number, *_), times in rows.items():
         if times > 1:
@@ -118,7 +121,7 @@ def _plots(study: Study, seen: Detections) -> list[str]:
             digits = 0 if speed > fastest + KNOT else 2
             told.append(
                 f"the plot of {notation.group(_moment(study, time))} needs {speed / KNOT:,.{digits}f} kn from the one before, "
-                f"fastest is {fastest / KNOT:.4g} kn: check both"
+                f"fastest is {fastest / KNOT:.4g} kn: check both, or take a higher fastest"
             )
     for number, time in zip(seen.sensor, seen.time, strict=True):
         sensor = study.sensors[number]
@@ -126,7 +129,7 @@ def _plots(study: Study, seen: Detections) -> list[str]:
         if not sensor.hears and np.isfinite(sensor.on.begin) and not sensor.on.includes(float(time)):
             when = notation.group(_moment(study, float(time)))
             told.append(f"{sensor.name} was off when it detected something at {when}: check when it is on")
-    return told
+    return list(dict.fromkeys(told))
 
 
 def _strayed(study: Study) -> list[str]:

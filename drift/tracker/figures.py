@@ -38,10 +38,10 @@ class Figure:
         return np.asarray(spread / np.sqrt(np.maximum(many, 1)))
 
     def quantiles(self) -> Array:
-        """Return the QUANTILES over the runs that have one (ways of following, quantiles); NaN where that is of one without an end."""
+        """Return the QUANTILES over the runs that have one (ways of following, quantiles); inf where that is of one without an end."""
         ranked = np.where(np.isinf(self.values), ENDLESS, self.values)
         found = np.stack([over(partial(np.nanquantile, q=share), ranked) for share in QUANTILES], axis=1)
-        return np.where(found < ENDLESS * 1e-9, found, np.nan)
+        return np.where(found < ENDLESS * 1e-9, found, np.where(np.isnan(found), np.nan, np.inf))
 
     def missing(self) -> Array:
         """Return in how many runs there is none, or no end (ways of following,)."""

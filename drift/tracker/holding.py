@@ -62,6 +62,7 @@ class Held:
     slower: Array  # [m/s] standard deviation of their speeds
     count: Array  # particles
     left: Array  # share of the cloud that the plots of the last time left, before it was filled; NaN: none was held
+    drawn: Array  # whether it was drawn anew from them, as too little was left of what was held
     areas: tuple[Mapping[float, Region], ...]  # that hold each of SHARES; none while no track is held
     shown: tuple[Shown, ...]
     lost: tuple[Loss, ...]
@@ -72,11 +73,10 @@ class Held:
 
     @property
     def anew(self) -> Array:
-        """Whether plots had most of a cloud drawn anew from their box that knew of a course by two plots or more (n,)."""
-        bulk, rows = self.study.methods[0].filling.bulk, np.flatnonzero(self.detected)
-        left = self.left[rows]
+        """Whether plots had a cloud drawn anew that knew of a course by two plots or more (n,)."""
+        rows = np.flatnonzero(self.detected)
         found = np.zeros(len(self.time), bool)
-        found[rows[1:]] = ((left < bulk) | (left == 0))[1:] & ~np.isnan(left[:-1])
+        found[rows[1:]] = self.drawn[rows[1:]] & ~np.isnan(self.left[rows[:-1]]) & ~np.isnan(self.place[rows[1:], 0])
         return found
 
     @cached_property
@@ -116,7 +116,7 @@ def hold(asked: Study, shore: Shoreline | None = None, tell: Callable[[float], N
     left = np.where(fields[:, 10] < 0, np.nan, fields[:, 10])
     return Held(
         asked, told, moments, np.isin(moments, found.time), fields[:, :3], np.arctan2(fields[:, 3], fields[:, 4]),
-        fields[:, 5] * sphere.RADIUS, off, slower, fields[:, 6], left, tuple(areas), tuple(clouds),
+        fields[:, 5] * sphere.RADIUS, off, slower, fields[:, 6], left, fields[:, 11] > 0, tuple(areas), tuple(clouds),
         _losses(asked, found, fields[:, 9], until),
     )  # fmt: skip
 

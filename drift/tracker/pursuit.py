@@ -265,5 +265,5 @@ def check(asked: Pursuit) -> None:
     many = (2 * STRIDE * asked.steps + 1) ** 2 * asked.steps
     if many > MOST:
         raise ValueError(
-            f"{asked.steps} steps make {many:,} cells and times; at most {MOST:,}: take longer steps, or a shorter time"
+            f"{asked.steps:.6g} steps make {many:.3g} cells and times; at most {MOST:,}: take longer steps, or a shorter time"
         )

@@ -29,7 +29,7 @@ class Plan:
 
     def includes(self, time: float) -> bool:
         """Return whether it is on at a time [s], or off by a second at most."""
-        return any(begin - 1 <= time <= end + 1 for begin, end in self.spans(time + 1))
+        return any(begin - 1 <= time <= end + 1 for begin, end in self.spans(time + 2))
 
     def sweeps(self, interval: float, end: float) -> Array:
         """Return the times of sweeps [s], one at each begin and one every interval [s] until before its end."""

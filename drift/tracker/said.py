@@ -39,7 +39,7 @@ def facts(study: Study) -> dict[str, str]:
     if (chase := study.pursuit) is not None:
         told["pursuit"] = (
             f"to {chase.aim} it, from {notation.position(*np.degrees(chase.start))} at {_moment(study, chase.begin)}{_goal(chase)}, "
-            f"{chase.steps} looks every {notation.lasting(chase.interval)}, {chase.speed / KNOT:g} kn, within {chase.reach / NMI:g} nmi"
+            f"{chase.steps} looks every {notation.lasting(chase.interval)}, {chase.speed / KNOT:.4g} kn, within {chase.reach / NMI:.4g} nmi"
         )
     doubted = doubts.of(study)
     return {**told, "warning": "; ".join(doubted)} if doubted else told
@@ -81,7 +81,7 @@ def _sensor(sensor: Sensor, written: bool) -> str:
     bearing = (
         "any bearing" if sensor.bearing_error >= math.pi else f"bearing +- {math.degrees(sensor.bearing_error):g} deg"
     )
-    words = f"to {sensor.reach / NMI:g} nmi, range +- {100 * sensor.range_share:g} %, {bearing}"
+    words = f"to {sensor.reach / NMI:.4g} nmi, range +- {100 * sensor.range_share:g} %, {bearing}"
     if sensor.hears:
         return f"{words}; hears what radiates, its silence tells nothing"
     words = f"{words}; sweeps every {sensor.interval:g} s, {_on(sensor.on)}"
@@ -110,7 +110,7 @@ def _method(method: Tracker) -> str:
 
 def _behaviour(law: Behaviour) -> str:
     """Return what particles do, and how often."""
-    most = f"up to {law.fastest / KNOT:g} kn"
+    most = f"up to {law.fastest / KNOT:.4g} kn"
     if law.acts is None:
         return f"keeps course and speed, {most}"
     chances = (("changes", law.change), ("seeks", law.seek), ("hides", law.hide))

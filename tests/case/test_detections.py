@@ -159,6 +159,10 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
     way = load(tmp_path, CASE + '[tracker]\ntrack = "own.gpx"\n', PLAIN).tracker
     np.testing.assert_allclose(way.time, [0, 600, 1200, 1800])
     np.testing.assert_allclose(path.degrees(way.at([900.0])[0])[1], 14.015)
+    pursuit = '[tracker]\ntrack = "own.gpx"\n[pursuit]\nspeed = "25 kn"\nreach = "5 nmi"\nstep = "2 min"\n'
+    chase = load(tmp_path, CASE + pursuit, PLAIN).pursuit
+    assert chase is not None
+    assert chase.begin == 1800  # until when the track has it
     (tmp_path / "own.gpx").write_text(
         gpx.replace("<time>2026-03-05T00:", "<!--").replace("Z</time>", "-->"), encoding="utf-8"
     )
@@ -186,6 +190,10 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
         (CASE + STANDS, PLAIN.replace("bearing", "course"), "unknown column course; allowed are time, sensor, bearing, range, lat, lon"),
         (CASE + STANDS, PLAIN.replace("bearing", "bearing_mag"), "; bearings are true: add the variation to magnetic ones"),
         (CASE + STANDS, PLAIN.replace("43,", "43M,"), 'line 3: bearing: "43M" is magnetic; directions are true: add the variation'),
+        (CASE + STANDS, PLAIN + '+9 min,"radar,43,9.6\n' + "+9 min,radar,43,9.6\n" * 9000, "is a quotation mark open above?"),
+        (CASE.replace("[[sensor]]", 'every = "0.1 s"\n[[sensor]]', 1) + STANDS, PLAIN, "every: asks for more than 5,000 figures; the case lasts 60 min"),
+        (CASE.replace("[[sensor]]", f"show = {['+1 min'] * 51}\n[[sensor]]", 1) + STANDS, PLAIN, "show: 51 times; at most 50"),
+        (CASE + STANDS.replace("14N", "90S") + 'legs = [{ course = 220, speed = "8 kn" }]\n', PLAIN, "tracker: legs: from a pole all courses lead"),
         (CASE + STANDS, PLAIN.replace("time,sensor", "when,sensor"), "no column time"),
         (CASE + STANDS, "time,sensor,bearing,range\n", "no detection; a track begins with one"),
         (CASE + STANDS, "", "no column time, sensor"),
@@ -196,7 +204,7 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
         (CASE, ROWS.replace("14 00.0N, 077 00.0W", ","), "nobody says where the tracker was at the first"),
         (CASE, ROWS.replace("14 03.1N", "17 03.1N"), "from 2026-03-05T00:01:00Z to 2026-03-05T00:10:00Z the tracker would make 1,222 kn; allowed are 292"),
         (CASE, ROWS.replace("-76.93", ""), "line 4: lat and lon go together"),
-        (CASE + STANDS, ROWS, "the file of detections says where it was (lat, lon); leave at"),
+        (CASE + STANDS, ROWS, "the detections say where it was (lat, lon); leave at"),
         (CASE.replace('detections = "d.csv"', 'detections = "e.csv"') + STANDS, PLAIN, "detections: "),
         (CASE + STANDS + '[target]\nat = "14N 077W"\n', PLAIN, "[target] and detections are both given; give one"),
         (CASE.replace('detections = "d.csv"', "") + STANDS, PLAIN, '[target] is missing: give it, or detections = "file.csv", or [[detection]]'),

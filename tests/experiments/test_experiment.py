@@ -3,6 +3,7 @@
 import csv
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,9 @@ import pytest
 
 import drift
 from drift.cli import commands
-from drift.experiments import command, ordinary, text
+from drift.experiments import command, map, ordinary, text
+from drift.experiments.record import Experiment
+from drift.maps.imprint import Imprint
 from drift.tracker.figures import Figure
 from geo.errors import UserError
 
@@ -183,3 +186,36 @@ def test_runs_that_are_all_alike_have_no_standard_error_of_rounding() -> None:
     assert 0 < figure.error()[0] < 1e-12
     assert text._told(figure.mean()[0], figure.error()[0]) == ("47.62",)
     assert text._told(47.61904, 1e-7) == ("47.61904000", "+-", "0.00000010")
+
+
+def test_differences_from_the_first_way_are_told(tmp_path: Path) -> None:
+    """Two ways apart by 0.5 +- 0.1 in every of four runs that scatter by ten times that, one that never ends, and one run without a number."""
+    runs = np.array([10.0, 14.0, 12.0, 8.0])
+    apart = np.array([0.3, 0.7, 0.5, 0.5])
+    late = np.array([1.0, 2.0, np.inf, np.inf])
+    figures = (
+        Figure("area", "nmi2", np.stack([runs, runs + apart, [*runs[:3], np.nan]])),
+        Figure("time to criteria", "min", np.stack([late, late, [np.inf] * 4])),
+    )
+    found = Experiment("x", "", 1, 4, "a particle", ("as it is", "more", "less"), figures)
+    error = np.std(apart, ddof=1) / 2
+    told = text.facts(found)
+    assert f"area 11.5 +- 1.3 nmi2 (+0.500 +- {error:.3f})" in told["more"]
+    assert told["as it is"].startswith("area 11.0 +- 1.3 nmi2; time to criteria median never (never in 2 of 4 runs)")
+    assert (
+        "area 12.0 +- 1.2 nmi2 (+0) (none in 1 runs); time to criteria median never (never in 4 of 4 runs)"
+        in told["less"]
+    )
+    assert told["in brackets"] == "the difference from the first, run by run"
+    only = text.facts(replace(found, ways=("as it is",), figures=(Figure("area", "nmi2", runs[None]),)))
+    assert only == {"as it is": "area 11.0 +- 1.3 nmi2"}
+    numbers = text.numbers(found)["figures"][2]
+    assert (numbers["way"], numbers["difference"]) == ("more", 0.5)
+    assert numbers["difference_standard_error"] == pytest.approx(error, rel=1e-5)
+    rows = list(csv.DictReader(text.table(found).splitlines()))
+    assert [row["quantile_50"] for row in rows if row["figure"] == "time to criteria"] == ["inf", "inf", "inf"]
+    assert [row["quantile_10"] for row in rows if row["figure"] == "time to criteria"][2] == "inf"
+    assert text.runs(found).splitlines()[:2] == ["way,run,area_[nmi2],time_to_criteria_[min]", "as it is,1,10.0,1.0"]
+    assert text.runs(found).splitlines()[3] == "as it is,3,12.0,inf"
+    map.draw(found, tmp_path / "x.png", Imprint("x", "casp-drift", {}))
+    assert (tmp_path / "x.png").stat().st_size > 10_000

@@ -297,7 +297,15 @@ def test_what_flees_reacts_to_the_path_and_what_another_vessel_does_not_matter_t
             {"pursuit.begin": "80 min"},
             "pursuit: nobody says where the tracker is at 050320ZMAR26; give at, or another begin",
         ),
-        ({"pursuit.step": "90 min"}, "pursuit: it lasts less than a step"),
+        (
+            {"pursuit.step": "90 min"},
+            "pursuit: begins 050315ZMAR26, and the case ends 050415ZMAR26: there is no step of 90 min between",
+        ),
+        (
+            {"pursuit.begin": "3 h"},
+            "pursuit: begins 050500ZMAR26, and the case ends 050415ZMAR26: there is no step of 10 min between",
+        ),
+        ({"pursuit.lasting": "5 min"}, "pursuit: it lasts less than a step"),
         ({"pursuit.step": "10 s"}, "360 steps make"),
         ({"pursuit.aim": "avoid"}, "a path that avoids goes to a place"),
         (
@@ -586,14 +594,16 @@ def test_what_a_plot_leaves_of_the_cloud_is_told(tmp_path: Path) -> None:
     assert list(left) == ["11", "21", "31"]
     n, draw = 8000, np.random.default_rng(4)
     first = 1.2 / (32 / 6) * 40 / 360
-    many = 400_000
-    begin = draw.uniform(1.4, 2.6, many) * np.exp(
-        1j * np.radians(draw.uniform(-20, 20, many))
-    )  # [nmi], the second's bearing ahead
+    # Of those drawn from the second's box each has the speed it needs as its weight, and who was in it 32 kn less the last estimate.
+    many, pace = 400_000, found.held.speed[found.held.row(60.0)] / KNOT
+    far = draw.uniform(1.4, 2.6, many)
+    begin = far * np.exp(1j * np.radians(draw.uniform(-20, 20, many)))  # [nmi], the second's bearing ahead
+    weight, old = (1 - first) * (6 * far - (2 * pace - 32)), first * (32 - pace)
     own = draw.uniform(size=many) < 0.5
     way = np.where(own, begin, draw.uniform(0, 32 / 6, many) * np.exp(2j * np.pi * draw.uniform(size=many)))
     end = -(begin + way)
-    second = np.mean((np.abs(end) > 1.4) & (np.abs(end) < 2.6) & (np.abs(np.angle(end)) < np.radians(20)))
+    inside = (np.abs(end) > 1.4) & (np.abs(end) < 2.6) & (np.abs(np.angle(end)) < np.radians(20))
+    second = (weight * inside).mean() / (weight.mean() + old)
     assert 0.005 < second < 0.1
     exact = found.held.left[np.searchsorted(found.held.time, (660, 1260))]
     assert [left["11"], left["21"]] == [f"{100 * share:.1f}" for share in exact]
@@ -603,7 +613,7 @@ def test_what_a_plot_leaves_of_the_cloud_is_told(tmp_path: Path) -> None:
     assert [round(held / 60) for held in found.held.time[found.held.anew]] == [21]
     words = text.facts(found)
     assert words["drawn anew"].startswith(
-        f"from the box of what was detected at 050021ZMAR26 ({100 * float(found.held.left[found.held.anew][0]):.2g} %), as less than bulk, 10 % of "
+        f"from the box of what was detected at 050021ZMAR26 ({100 * float(found.held.left[found.held.anew][0]):.2g} %), as fewer than bulk, 10 % of "
     )
     assert ": half of what is drawn takes any course" in words["drawn anew"]
     assert json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["track"]["drawn_anew"] == [
@@ -611,8 +621,18 @@ def test_what_a_plot_leaves_of_the_cloud_is_told(tmp_path: Path) -> None:
     ]
     none = drift.track(tmp_path / "c.toml", changes={"method.0.fill": "position", "particles": "100", "sensor.1.bearing_ambiguity": "0.001"})  # fmt: skip
     assert ": all of what is drawn takes any course" in text.facts(none)["drawn anew"]
-    # As advised, a lower bulk keeps what was in the box of the second, which goes on into that of another ahead.
+    # Another plot at the second's time, all round from 2 to 2.6 nmi: of what that left and drew its share by weight, not by number.
     plots = (tmp_path / "d.csv").read_text(encoding="utf-8")
+    (tmp_path / "d.csv").write_text(plots.replace("+21 min,radar", f"+11 min,sharp,,2.3,{there}\n+21 min,radar"), encoding="utf-8")  # fmt: skip
+    sharp = '[[sensor]]\nname = "sharp"\nreach = "20 nmi"\nrange_ambiguity = 0.130434783\nbearing_ambiguity = 180\non = false\n'
+    (tmp_path / "c.toml").write_text(PLOTS.replace("[[method]]", sharp + "[[method]]"), encoding="utf-8")
+    both = drift.track(tmp_path / "c.toml")
+    share = ((weight * (far > 2)).mean() + old / 2) / (weight.mean() + old)
+    assert abs(share - 0.5) > 0.06
+    together = both.held.left[both.held.row(660.0)] / exact[0]
+    assert together == pytest.approx(share, abs=3 * np.sqrt(share * (1 - share) * (1 / n + 1 / many)))
+    assert both.held.drawn[both.held.row(660.0)]
+    # As advised, a lower bulk keeps what was in the box of the second, which goes on into that of another ahead.
     (tmp_path / "d.csv").write_text(
         plots.replace("radar,280,2,", "radar,100,4,").replace("eyes,,2,", "eyes,,4,"), encoding="utf-8"
     )
@@ -636,22 +656,30 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     assert checked.startswith(f"the plot of 050005ZMAR26 needs {speed:,.0f} kn")
     assert "areas" not in checked
     twice = "time,sensor,bearing,range\n+2 min,radar,80,8\n+2 min,radar,80,8\n+2 min,radar,80,7.9\n"
-    (tmp_path / "d.csv").write_text(twice, encoding="utf-8")
-    assert said.facts(tracking.load(tmp_path / "c.toml"))["warning"] == (
-        "the plot of 050002ZMAR26 by radar stands 2 times: check for one that is missing"
-    )
+    for own in (twice, twice.replace(",80,8\n", ",0,8\n", 1).replace(",80,8\n", ",360,8\n", 1).replace(",80,", ",0,")):
+        (tmp_path / "d.csv").write_text(own, encoding="utf-8")
+        assert said.facts(tracking.load(tmp_path / "c.toml"))["warning"] == (
+            "the plot of 050002ZMAR26 by radar stands 2 times: check for one that is missing"
+        )
     (tmp_path / "d.csv").write_text(
         "time,sensor,bearing,range\n+2 min,radar,80,8\n+12 min,radar,70,8\n", encoding="utf-8"
     )
     inland = {"land": "turn", "tracker.at": "'15 30N 091 00W'"}  # Guatemala
     told = text.facts(drift.track(tmp_path / "c.toml", changes=inland))["warning"]
     assert told.startswith("100 % of the box of the plot of 050002ZMAR26 is land: check its bearing and range")
-    assert "no water in the box" not in told  # once is enough
+    assert "no track is held from 050002ZMAR26, 050012ZMAR26 on, as no water is in the box of what was detected" in told
     plots = (tmp_path / "d.csv").read_text(encoding="utf-8")
     (tmp_path / "d.csv").write_text(plots.replace(",8\n", ",\n"), encoding="utf-8")  # by bearing alone
     told = text.facts(drift.track(tmp_path / "c.toml", changes=inland))["warning"]
-    assert "no water in the box of what was detected at 050002ZMAR26, 050012ZMAR26: check position" in told
+    assert (
+        "no track is held from 050002ZMAR26, 050012ZMAR26 on, as no water is in the box of what was detected: check position"
+        in told
+    )
     (tmp_path / "d.csv").write_text(plots, encoding="utf-8")
+    plan = {"sensor.0.on": "{ every = '10 min', lasting = '2 min', begin = '121 s' }"}
+    assert not any(
+        "radar was off" in words for words in doubts.of(tracking.load(tmp_path / "c.toml", plan))
+    )  # a second early
     plan = {"sensor.0.on": "{ every = '10 min', lasting = '2 min' }"}
     told = text.facts(drift.track(tmp_path / "c.toml", changes=plan))["warning"]
     assert "radar was off" not in told  # at 0002 and 0012 it still turns
@@ -695,6 +723,8 @@ def test_plots_on_land_and_a_tracker_inland_are_told(tmp_path: Path) -> None:
     assert doubts.of(west)[-1] == (
         "the tracker is on land at 050000ZMAR26, 56-47.5N 009-41.5E: check latitudes and longitudes, unless it flies"
     )
+    followed = tracking.load("fast_boat", {"target.at": "'18 10N 77 20W'"})  # Jamaica
+    assert [words[:31] for words in doubts.of(followed)] == ["the target is on land at 050000"]
     quay = tracking.load(
         tmp_path / "c.toml", {**at, "tracker.at": "'56 42.6N 11 31.8E'"}
     )  # 600 to 1000 m from the water
@@ -759,7 +789,11 @@ def test_a_log_that_ends_with_the_case_counts_to_its_end_with_a_path_too(tmp_pat
         (tmp_path / "d.csv").write_text(rows, encoding="utf-8")
         for more in ("", chase):
             (tmp_path / "c.toml").write_text(LOGGED + more, encoding="utf-8")
-            found[until, more] = drift.track(tmp_path / "c.toml", tmp_path / "out", overwrite=True).held.place[:-2]
+            track = drift.track(tmp_path / "c.toml", tmp_path / "out", overwrite=True)
+            found[until, more] = track.held.place[:-2]
+            end = "050059ZMAR26" if until == "+59 min" else "050100ZMAR26"
+            late = f"known at its begin, 050030ZMAR26, and the tracker's log goes on until {end}: what was not seen since counts in the track alone"
+            assert (late in text.facts(track).get("warning", "")) == bool(more)
         told = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
         assert told["inputs"] == f"d.csv: sha256:{hashlib.sha256(rows.encode()).hexdigest()}"
         runs.add(told["run_id"])
