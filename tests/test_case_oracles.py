@@ -7,6 +7,7 @@ The areas of what is partly ashore are none either: they hold cells of the map a
 import csv
 import itertools
 import re
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +19,6 @@ import passages
 import pytest
 import shapely
 import shipped
-import tomllib
 import xarray as xr
 from oracle import DAY, HOUR, KNOT, NMI, Array, Cloud, Coast, Errors, Field
 from places import ROOT

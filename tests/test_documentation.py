@@ -1,7 +1,7 @@
 """The documentation names every file that a run writes and every key of searches, and no other; its examples are TOML."""
 
 import re
-import sys
+import tomllib
 from typing import Any
 
 import pytest
@@ -41,11 +41,6 @@ from drift.regain import chapter as regain_chapter
 from drift.search import chapter as search_chapter
 from drift.spill import chapter as spill_chapter
 from drift.suspend import chapter as suspend_chapter
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 DOCS = ROOT / "docs"
 PAGES = ("searches.md", "search_keys.md")

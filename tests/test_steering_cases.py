@@ -8,6 +8,7 @@ overdue_yacht goes on adrift: it stands in test_case_oracles.py.
 import functools
 import itertools
 import re
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +16,6 @@ from typing import Any
 import numpy as np
 import passages
 import pytest
-import tomllib
 from oracle import HOUR, KNOT, NMI, R
 from places import ROOT
 from scipy import stats

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import assert_type
 
 import xarray as xr
-from typing_extensions import assert_type
 
 import drift
 from drift.backtrack.backward import Origin

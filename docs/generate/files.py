@@ -3,7 +3,7 @@
 import csv
 import json
 import re
-import sys
+import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -25,11 +25,6 @@ from drift.posterior import chapter as posterior
 from drift.search import chapter as search
 from drift.spill import chapter as spill
 from drift.suspend import chapter as suspend
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 TOLD = Path(__file__).with_name("files.toml")
 CHAPTERS: dict[str, tuple[str, Iterable[str]]] = {  # when they are written, and which

@@ -5,7 +5,7 @@ all of them at once, a line each.
 """
 
 import os
-import sys
+import tomllib
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -24,11 +24,6 @@ from geo import notation
 from geo.array import Array
 from geo.errors import UserError
 from geo.files import small
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 LARGEST = 2**20  # [bytes] of such a file
 INNER = 5  # times between departure and arrival that are told by default

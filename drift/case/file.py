@@ -5,7 +5,7 @@ forcing is found here, all of them at once, a line each. Cases that ship with th
 """
 
 import os
-import sys
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
@@ -26,11 +26,6 @@ from drift.motion.family import gathered
 from geo.errors import UserError
 from geo.files import small
 from geo.forcing.quantity import QUANTITIES
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 FILES = ("files", "source", "lakes", "file", "network", "track", "actual")  # keys that name input files
 LARGEST = 16 * 2**20  # [bytes] of a case file: a thousand times those that ship

@@ -11,7 +11,7 @@ whose elements have a prefix, or in one that is no GPX at all; what it would sav
 import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 
 from geo import sphere
@@ -110,7 +110,7 @@ def _ordered(segments: list[list[tuple[float, float, float]]]) -> tuple[list[tup
 
 
 def _words(time: float) -> str:
-    return f"{datetime.fromtimestamp(time, timezone.utc):%Y-%m-%dT%H:%M:%SZ}"
+    return f"{datetime.fromtimestamp(time, UTC):%Y-%m-%dT%H:%M:%SZ}"
 
 
 def _place(point: ET.Element) -> tuple[float, float]:
@@ -128,18 +128,8 @@ def _time(point: ET.Element) -> float | None:
     for element in _inside(point, "time"):
         text = (element.text or "").strip()
         try:
-            moment = datetime.fromisoformat(_plain(text))
+            moment = datetime.fromisoformat(text.upper())
         except ValueError:
             raise ValueError(f'has a time that is none: "{text[:40]}"; it must be like 2026-11-21T18:30:00Z') from None
-        return (moment if moment.tzinfo else moment.replace(tzinfo=timezone.utc)).timestamp()
+        return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
     return None
-
-
-def _plain(text: str) -> str:
-    """Return an ISO time as Python 3.10 reads it: an offset for Z, three or six decimals."""
-    text = text[:-1] + "+00:00" if text[-1:] in {"Z", "z"} else text
-    whole, dot, rest = text.partition(".")
-    if not dot:
-        return text
-    digits = len(rest) - len(rest.lstrip("0123456789"))
-    return f"{whole}.{rest[:digits][:6]:0<6}{rest[digits:]}"

@@ -7,7 +7,7 @@ lanes, polygons areas. Every mistake in a file is found at once, a line each, la
 import difflib
 import itertools
 import json
-import sys
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,11 +23,6 @@ from geo import sphere
 from geo.errors import UserError
 from geo.files import small
 from geo.notation import NMI
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 LARGEST = 16 * 2**20  # [bytes] of a network's file
 LONGEST = 5_000 * NMI  # [m] of a lane: it is looked at in a projection that ends a quarter of the way round the Earth

@@ -6,7 +6,7 @@ line each.
 
 import math
 import os
-import sys
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -32,11 +32,6 @@ from geo import notation
 from geo.array import Array
 from geo.errors import UserError
 from geo.files import small
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 LARGEST = 2**20  # [bytes] of such a file
 MOST_SWEEPS = 2_000_000  # of one sensor in a run

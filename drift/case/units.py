@@ -8,7 +8,7 @@ ValueErrors whose text says what was given and what is allowed; the caller knows
 
 import math
 import re
-from datetime import datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta, timezone
 from functools import lru_cache
 from typing import Any
 
@@ -56,10 +56,7 @@ def registry() -> Any:
     """Return the units in use; built once, at the first quantity that carries a unit beyond the usual ones."""
     import pint
 
-    units: Any = pint.UnitRegistry()
-    if "kn" not in units:  # pint before 0.25, the last for Python 3.10, knows a knot as kt alone
-        units.define("@alias knot = kn")
-    return units
+    return pint.UnitRegistry()
 
 
 def quantity(value: object, unit: str, what: str, example: str) -> float:
@@ -326,7 +323,7 @@ def _utc(moment: datetime, text: str) -> np.datetime64:
         raise ValueError(f'time "{text}" has no zone; add Z for UTC, or an offset like +02:00')
     if not 1800 <= moment.year <= 2200:
         raise ValueError(f'time "{text}" is in the year {moment.year}; 1800 to 2200 are allowed')
-    naive = moment.astimezone(timezone.utc).replace(tzinfo=None)
+    naive = moment.astimezone(UTC).replace(tzinfo=None)
     return np.datetime64(naive, "s")
 
 

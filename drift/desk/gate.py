@@ -176,7 +176,7 @@ class Gate:
             raise Refused(413, f"a body has at most {LARGEST:,} bytes")
         try:
             data = await asyncio.wait_for(_whole(receive), PATIENCE)
-        except asyncio.TimeoutError:
+        except TimeoutError:
             raise Refused(408, "the body did not come in time") from None
         try:
             held = json.loads(data)

@@ -234,7 +234,7 @@ async def _end(process: asyncio.subprocess.Process) -> None:
         process.terminate()
     try:
         await asyncio.wait_for(process.wait(), GRACE)
-    except asyncio.TimeoutError:
+    except TimeoutError:
         _kill(process)
 
 

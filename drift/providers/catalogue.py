@@ -1,6 +1,6 @@
 """The catalogue of providers: a table shipped with the project, and a user's own, whose entries come first."""
 
-import sys
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from datetime import date
@@ -14,11 +14,6 @@ import platformdirs
 from geo.box import Box
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 PROTOCOLS = ("opendap", "erddap", "grib_filter", "copernicusmarine")
 NEEDED = ("title", "quantity", "protocol", "variables")

@@ -61,7 +61,7 @@ def connected(workers: int | None, address: str | None) -> Iterator[Any]:
             if workers is None and not str(address).startswith("ucx"):
                 distributed.comm.get_address_host_port(address)  # a client of no address would close for a minute
             client = stack.enter_context(distributed.Client(address, timeout=PATIENCE, set_as_default=False))
-        except (OSError, asyncio.TimeoutError, ValueError) as error:
+        except (TimeoutError, OSError, ValueError) as error:
             raise UserError(f"--cluster {address}: no cluster answers there ({_line(error)})") from error
         yield client
 
@@ -106,7 +106,7 @@ def workers_of(client: Any) -> Workers:
 
 def _asked(client: Any, function: Callable[..., Any], *given: Any) -> dict[str, Any]:
     """Return what all workers answer, by address, but those that are lost meanwhile."""
-    told, lost = {}, (_dask().comm.CommClosedError, ConnectionError, asyncio.TimeoutError)
+    told, lost = {}, (_dask().comm.CommClosedError, ConnectionError, TimeoutError)
     # client.run would wait for ever for a machine that hangs.
     answers = client.sync(client._run, function, *given, on_error="return", callback_timeout=WAIT)
     for address, answer in answers.items():
@@ -185,7 +185,7 @@ def _answered(kept: Callable[[], str]) -> Iterator[None]:
         yield
     except distributed.KilledWorker as error:
         raise UserError(f"worker after worker died of a shard ({_line(error)}); {kept()}") from error
-    except (distributed.comm.CommClosedError, asyncio.CancelledError, CancelledError, asyncio.TimeoutError) as error:
+    except (TimeoutError, distributed.comm.CommClosedError, asyncio.CancelledError, CancelledError) as error:
         raise UserError(f"the cluster is lost ({_line(error)}); {kept()}") from error
 
 
@@ -226,7 +226,7 @@ def _first(client: Any, otherwise: str) -> None:
     """Wait for a worker; raise UserError, saying what else is so, where none comes."""
     try:
         client.wait_for_workers(1, timeout=WAIT)
-    except asyncio.TimeoutError:  # as dask raises it: in Python 3.10 it is not the built-in one
+    except TimeoutError:
         raise UserError(f"{otherwise} (waited {WAIT / 60:g} min)") from None
 
 

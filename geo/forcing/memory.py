@@ -121,7 +121,7 @@ def _numbers(variable: xr.Variable, attributes: Mapping[Any, Any]) -> tuple[xr.V
 def _utc(date: Any) -> Any:
     """Return a date without its time zone, in UTC: cftime would take the clock of the zone for UTC."""
     aware = isinstance(date, datetime.datetime) and date.tzinfo is not None
-    return date.astimezone(datetime.timezone.utc).replace(tzinfo=None) if aware else date
+    return date.astimezone(datetime.UTC).replace(tzinfo=None) if aware else date
 
 
 def fingerprint(data: xr.Dataset, fields: Collection[str], time: str | None, extra: str) -> str:

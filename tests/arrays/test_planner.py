@@ -1,10 +1,10 @@
 """`drift plan` of ships that tow arrays: from a case to the files of a plan, and what is refused."""
 
 import json
+import tomllib
 
 import numpy as np
 import pytest
-import tomllib
 
 import drift
 from geo import sphere

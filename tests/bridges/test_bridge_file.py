@@ -3,7 +3,7 @@
 import json
 import math
 import re
-import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +17,6 @@ from drift.case import bridge as bridge_file
 from drift.cli import commands, grammar
 from geo import sphere
 from geo.errors import UserError
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 NMI = 1852.0
 WRITTEN = """

@@ -237,12 +237,8 @@ def test_what_cannot_be_fitted_is_refused(tracks: list[Track], options: dict[str
 
 
 def test_a_fit_in_words_and_as_a_line_of_a_case() -> None:
-    import sys
+    import tomllib
 
-    if sys.version_info >= (3, 11):
-        import tomllib
-    else:
-        import tomli as tomllib
     from drift.case import units
 
     found = fit.fit([simulated(np.random.default_rng(14), 41)], error=0.0)

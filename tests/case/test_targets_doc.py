@@ -1,7 +1,7 @@
 """docs/targets.md names every key of itineraries and no other, and its examples are TOML that loads."""
 
 import re
-import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -10,11 +10,6 @@ from pydantic import BaseModel
 
 from drift.case import family, itinerary, tracker, waypoints
 from drift.case import file as case_file
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 TEXT = (ROOT / "docs" / "targets.md").read_text(encoding="utf-8")
 HEADINGS: dict[str, type[BaseModel]] = {

@@ -2,7 +2,7 @@
 
 import math
 import re
-from datetime import datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
@@ -220,7 +220,7 @@ def test_antimeridian_is_one_meridian() -> None:
         "220630MNOV26",  # M is UTC+12
         "210630YNOV26",  # Y is UTC-12
         "220430KNOV26",  # K is UTC+10: there is no J
-        datetime(2026, 11, 21, 18, 30, tzinfo=timezone.utc),
+        datetime(2026, 11, 21, 18, 30, tzinfo=UTC),
     ],
 )
 def test_one_time_however_written(text: object) -> None:

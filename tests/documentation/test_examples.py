@@ -5,7 +5,7 @@ Tutorials are run when the site is built, for the pictures that they show: test_
 
 import ast
 import re
-import sys
+import tomllib
 from pathlib import Path
 from typing import Annotated, Any, get_origin
 
@@ -19,11 +19,6 @@ from drift.case import bridge, itinerary, network, schema, tracking
 from drift.cli import grammar
 from drift.providers import catalogue
 from geo.errors import UserError
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 pytestmark = [pytest.mark.documentation, pytest.mark.timeout(1800)]
 

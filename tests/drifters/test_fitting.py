@@ -1,7 +1,7 @@
 """Fitting errors to drifters: the likelihood against a dense normal law, the parameters against drifters simulated here."""
 
 import math
-import sys
+import tomllib
 from types import MappingProxyType
 
 import numpy as np
@@ -16,11 +16,6 @@ from drift.drifters import along, error_law, fitting, hold_out
 from drift.drifters.error_law import Law
 from drift.tracks import clusters
 from drift.tracks.records import Track
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 TRUE = Law(std=0.23, time=4.3 * 3600, bias=0.19, diffusivity=9.0, noise=130.0)
 WINDAGE, MEAN = 0.017, (0.06, -0.035)

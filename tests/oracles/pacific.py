@@ -4,6 +4,7 @@ Where the project carries the probability of silence along, this draws the fluct
 who is heard is out. It shares no code with the project. Bearings are degrees, ranges metres, times hours after the start.
 """
 
+import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,7 +12,6 @@ from typing import Any
 import numpy as np
 import passages
 import pyproj
-import tomllib
 import xarray as xr
 from places import ROOT
 from scipy import stats

@@ -6,6 +6,7 @@ at the edge of its polygon, which must be convex, from halving. Positions are de
 
 import heapq
 import itertools
+import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,6 @@ from typing import Any
 import numpy as np
 import pyproj
 import shapely
-import tomllib
 from oracle import NMI, R, moved
 
 Array = np.ndarray

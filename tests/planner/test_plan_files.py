@@ -2,7 +2,7 @@
 
 import json
 import math
-import sys
+import tomllib
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
@@ -20,11 +20,6 @@ from drift.output import formats
 from drift.planner import files as plan_files
 from drift.search.records import Law
 from geo import polyline, sphere
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 GEOD = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 NMI = 1852.0

@@ -1,7 +1,7 @@
 """Laws of detection against integrals of their lateral range curves."""
 
 import re
-import sys
+import tomllib
 
 import numpy as np
 import pytest
@@ -12,11 +12,6 @@ from drift.case.sensor import SensorTable
 from drift.planner import concave
 from drift.search import laws
 from drift.search.records import Law
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 OF_EACH_KIND = {
     "random": Law("random"),

@@ -1,11 +1,11 @@
 """How tracking cases were understood, beside what their files say."""
 
 import csv
+import tomllib
 from collections import Counter
 from pathlib import Path
 
 import pytest
-import tomllib
 
 from drift.case import tracking
 from drift.cli import commands
