@@ -373,7 +373,11 @@ def test_every_layout_of_trajectories_gives_the_same_tracks(tmp_path):
     obs = {"lon": ("obs", lon, meta["lon"]), "lat": ("obs", lat, meta["lat"]), "time": ("obs", time, meta["time"])}
     two = {
         key: (("trajectory", "obs"), padded(values, fill), meta[key])
-        for key, values, fill in (("lon", lon, np.nan), ("lat", lat, np.nan), ("time", time, np.datetime64("NaT")))
+        for key, values, fill in (
+            ("lon", lon, np.nan),
+            ("lat", lat, np.nan),
+            ("time", time, np.datetime64("NaT", "ns")),
+        )
     }
     layouts = {
         "ragged": {**obs, "name": names, "count": ("trajectory", np.array([3, 2]), {"sample_dimension": "obs"})},
