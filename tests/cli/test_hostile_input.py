@@ -188,7 +188,7 @@ def stored(outputs: int = 3, n: int = 1000) -> spool.Spool:
         )
         for k in range(outputs)
     )
-    return spool.Spool.of_run(Period(begin, begin + outputs, 1), ensemble, moments, outputs)  # type: ignore[arg-type]
+    return spool.Spool.of_run(Period(begin, begin + np.timedelta64(outputs, "s"), 1), ensemble, moments, outputs)  # type: ignore[arg-type]
 
 
 def test_room_for_the_particles_is_known_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:

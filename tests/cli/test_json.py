@@ -172,7 +172,7 @@ def test_own_errors_are_json_too(capsys: pytest.CaptureFixture[str], monkeypatch
 
 
 def test_what_is_no_number_is_null() -> None:
-    assert formats.plain({"a": np.nan, "b": np.datetime64("NaT")}) == {"a": None, "b": None}
+    assert formats.plain({"a": np.nan, "b": np.datetime64("NaT", "s")}) == {"a": None, "b": None}
 
 
 @pytest.mark.parametrize("command", ["run", "check", "bridge"])

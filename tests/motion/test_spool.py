@@ -42,7 +42,7 @@ def spooled(
     ensemble.log_weight.from_numpy(np.random.default_rng(8).normal(-500, 2, N).astype(np.float32))
     ensemble.world.from_numpy((np.arange(N) // 7).astype(np.int32))
     taken = moments(ensemble, request.param)
-    with Spool.of_run(Period(BEGIN, BEGIN + 4, 1), ensemble, taken, OUTPUTS, worlds=True) as made:
+    with Spool.of_run(Period(BEGIN, BEGIN + np.timedelta64(4, "s"), 1), ensemble, taken, OUTPUTS, worlds=True) as made:
         yield made, taken, ensemble
 
 

@@ -160,7 +160,7 @@ def test_the_same_seed_gives_the_same_plan() -> None:
     two, units, asked = several()
     few = record.sample(two, 800)
     one, other = (optimiser.plan(few, units[:1], asked, 5, [None, None]) for _ in range(2))
-    assert one == other
+    assert repr(one) == repr(other)  # NaN is no equal of NaN
 
 
 def test_daylight_and_spacing() -> None:

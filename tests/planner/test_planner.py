@@ -104,7 +104,7 @@ def test_rounds_are_planned_on_the_failure_of_those_before(
     one = planned[1]
     planes = [tasking for tasking in made.taskings if tasking.unit.name == "plane"]
     assert [tasking.round for tasking in planes] == [1, 2]
-    assert planes[1].takeoff >= planes[0].home + 1800
+    assert planes[1].takeoff >= planes[0].home + np.timedelta64(1800, "s")
     assert made.bound is not None
     assert one.seen < made.seen <= made.bound
     assert one.pos < made.pos <= made.bound + 2 * made.bound_error

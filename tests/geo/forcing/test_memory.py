@@ -125,7 +125,7 @@ def held(data: xr.Dataset, **how: Any) -> Source:
 def test_dates_that_are_none_are_refused(tmp_path: Path) -> None:
     data = xr.load_dataset(curved(tmp_path / "roms.nc"))
     holed = data.time.values.copy()
-    holed[4] = np.datetime64("NaT")
+    holed[4] = np.datetime64("NaT", "ns")
     with pytest.raises(UserError, match=r'dataset "roms": "time" has missing values'):
         held(data.assign_coords(time=holed))
     with pytest.raises(UserError, match=r'dataset "roms": "time" has units ""'):
