@@ -62,7 +62,7 @@ Tracks = ti.types.argpack(
     track_drawn=Ints,  # particles drawn so far
     track_estimate=Doubles,  # (5 n,) stored: unit vector, speed [rad/s] (< 0: there is none yet) and time [s]
     track_lost=Doubles,  # [s] when it was lost last; NaN: never
-    track_left=Doubles,  # (2 n,) share of the cloud that the detections of the last time left, before it was filled, < 0: there was none; and 1 where so few were left that it was drawn anew
+    track_left=Doubles,  # (3 n,) of the last time of detections: share of the cloud that they left before it was filled, < 0: there was none; 1 where so few were left that it was drawn anew; and that time [s]
 )  # fmt: skip
 
 Sweeps = ti.types.argpack(
@@ -309,13 +309,13 @@ def followed(
         share = ti.cast(count, ti.f64) / ti.cast(size, ti.f64)
         few = share < rules.rule_bulk[law] or count == 0
         if outcome == DETECTED:
-            again = tracks.track_estimate[5 * k + 3] >= 0.0 and tracks.track_estimate[5 * k + 4] == time
-            if not again:
-                tracks.track_left[2 * k], tracks.track_left[2 * k + 1] = 1.0 if before > 0 else -1.0, 0.0
-            if before > 0:
-                tracks.track_left[2 * k] *= total / whole
-                if tracks.track_left[2 * k] >= 0.0 and few:
-                    tracks.track_left[2 * k + 1] = 1.0
+            if tracks.track_left[3 * k + 2] != time:
+                tracks.track_left[3 * k], tracks.track_left[3 * k + 1] = 1.0 if before > 0 else -1.0, 0.0
+                tracks.track_left[3 * k + 2] = time
+            if before > 0 and tracks.track_left[3 * k] >= 0.0:
+                tracks.track_left[3 * k] *= total / whole
+                if few:
+                    tracks.track_left[3 * k + 1] = 1.0
         if outcome == SILENT and count < before and share < rules.rule_bulk[law]:
             count = 0  # the track is lost
         elif outcome == DETECTED and few:
@@ -332,7 +332,7 @@ def followed(
             tracks.track_lost[k] = time
         if row >= 0:
             estimates[place + 9] = tracks.track_lost[k]
-            estimates[place + 10], estimates[place + 11] = tracks.track_left[2 * k], tracks.track_left[2 * k + 1]
+            estimates[place + 10], estimates[place + 11] = tracks.track_left[3 * k], tracks.track_left[3 * k + 1]
         if count > 0 and (outcome == DETECTED or row >= 0):
             mean, velocity, rate = mean.normalized(), velocity / total, rate / total
             if outcome == DETECTED:

@@ -149,7 +149,11 @@ def read(
         if ("lat" in table.columns) != ("lon" in table.columns):
             raise UserError(f"{table.name}: lat and lon go together; allowed are {', '.join(ALLOWED)}")
     except UserError as error:
-        true = "; bearings are true: add the variation to magnetic ones" if "mag" in str(error).lower() else ""
+        true = (
+            "; bearings are true: add the variation to magnetic ones"
+            if re.search(r"column [^;]*mag", str(error))
+            else ""
+        )
         raise UserError(f"detections: {error}{true}") from None
     wrong, log = Mistakes(), _Log(start, end, sensors)
     for line, given in table:

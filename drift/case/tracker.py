@@ -15,7 +15,6 @@ from geo.errors import UserError
 from geo.notation import KNOT
 
 NEAR_POLE = np.radians(90 - 1e-6)  # [rad] of latitude
-
 FASTEST = 150.0  # [m/s] of a tracker
 
 

@@ -246,6 +246,7 @@ class PursuitTable(fields.Table):
         if begin + self.step > end + 1e-6:
             raise ValueError(
                 f"begins {told(begin)}, and the case ends {told(end)}: there is no step of {notation.lasting(self.step)} between"
+                + ("; give begin" if self.begin is None else "")
             )
         if self.at is None and not tracker.time[0] <= begin <= tracker.time[-1]:
             raise ValueError(f"nobody says where the tracker is at {told(begin)}; give at, or another begin")

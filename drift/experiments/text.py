@@ -45,8 +45,8 @@ def facts(found: Experiment) -> Mapping[str, str]:
                 words += f" ({apart})"
             if figure.name == MET:  # a few runs that take long make its mean, and one that never does has none
                 middle = figure.quantiles()[group[0], QUANTILES.index(0.5)]
-                median = f"median {middle:.3g}" if np.isfinite(middle) else "median never"
-                words = f"{words}, {median} {figure.unit}" if np.isfinite(mean) else f"{figure.name} {median}"
+                median = f"median {middle:.3g} {figure.unit}" if np.isfinite(middle) else "median never"
+                words = f"{words}, {median}" if np.isfinite(mean) else f"{figure.name} {median}"
                 parts.append(words + f" (never in {missing} of {found.runs} runs)" * bool(missing))
                 continue
             parts.append(words + f" (none in {missing} runs)" * bool(missing))
@@ -59,7 +59,10 @@ def facts(found: Experiment) -> Mapping[str, str]:
 def difference(figure: Figure, way: int) -> str:
     """Return what a figure of a way differs from that of the first, run by run; nothing of the first itself, and where it is unknown."""
     mean, error = (row[way] for row in figure.difference())
-    return " ".join(_told(mean, error, sign=True)) if way > 0 and np.isfinite(mean) else ""
+    if way == 0 or not np.isfinite(mean):
+        return ""
+    rounding = 1e-12 * np.abs(figure.values[[0, way]]).max(initial=0.0, where=np.isfinite(figure.values[[0, way]]))
+    return "+0" if abs(mean) <= rounding else " ".join(_told(mean, error, sign=True))
 
 
 def _told(mean: float, error: float, sign: bool = False) -> tuple[str, ...]:

@@ -113,7 +113,7 @@ class Clouds:
             "first": self._begin, "last": self._begin,
             "first_leg": np.tile(leg_ends[which], len(trackers)), "last_leg": np.tile(leg_ends[which + 1], len(trackers)),
             "first_row": np.arange(many) * self.rows, "count": np.zeros(many), "drawn": np.zeros(many),
-            "estimate": np.full(5 * many, -1.0), "lost": np.full(many, np.nan), "left": np.tile([-1.0, 0.0], many),
+            "estimate": np.full(5 * many, -1.0), "lost": np.full(many, np.nan), "left": np.tile([-1.0, 0.0, -follower.NEVER], many),
         })  # fmt: skip
         self._cloud = {
             name: runtime.empty(many * size * (3 if name in VECTORS else 1), law.dtype)

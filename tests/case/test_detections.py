@@ -163,6 +163,11 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
     chase = load(tmp_path, CASE + pursuit, PLAIN).pursuit
     assert chase is not None
     assert chase.begin == 1800  # until when the track has it
+    with pytest.raises(
+        UserError,
+        match="begins 050030ZMAR26, and the case ends 050030ZMAR26: there is no step of 2 min between; give begin",
+    ):
+        load(tmp_path, CASE.replace('"1 h"', '"30 min"') + pursuit, PLAIN)
     (tmp_path / "own.gpx").write_text(
         gpx.replace("<time>2026-03-05T00:", "<!--").replace("Z</time>", "-->"), encoding="utf-8"
     )

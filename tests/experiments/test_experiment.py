@@ -209,6 +209,13 @@ def test_differences_from_the_first_way_are_told(tmp_path: Path) -> None:
     assert told["in brackets"] == "the difference from the first, run by run"
     only = text.facts(replace(found, ways=("as it is",), figures=(Figure("area", "nmi2", runs[None]),)))
     assert only == {"as it is": "area 11.0 +- 1.3 nmi2"}
+    runs = np.array([27.1, 28.3, 28.75])
+    noise = Figure("lat", "", np.stack([runs, np.nextafter(runs, [30, 30, 0])]))
+    assert text.difference(noise, 1) == "+0"  # of 3e-15 +- 2e-15
+    once = text.facts(
+        replace(found, ways=("x",), figures=(Figure("time to criteria", "min", np.array([[1.0, 2, 3, np.inf]])),))
+    )
+    assert once == {"x": "time to criteria median 2.5 min (never in 1 of 4 runs)"}
     numbers = text.numbers(found)["figures"][2]
     assert (numbers["way"], numbers["difference"]) == ("more", 0.5)
     assert numbers["difference_standard_error"] == pytest.approx(error, rel=1e-5)

@@ -137,6 +137,7 @@ def test_the_tracker_that_goes_a_path_is_not_drawn_on_the_legs_it_leaves(tmp_pat
         assert isinstance(found.chased, Chased)
         place, time = map._own(found)
         assert time[-1] == end
+        assert "planned on what was known" not in text.facts(found).get("warning", "")  # of legs, which are no log
         went = EARTH.inv(-77, 14, *(float(x) for x in path.degrees(place[-1])))[2]
         assert went == pytest.approx(20 * KNOT * end, rel=1e-4)  # a rhumb line of 10 nmi at 14 N
     log = drift.track("lost_contact", changes=SMALL)
@@ -641,6 +642,31 @@ def test_what_a_plot_leaves_of_the_cloud_is_told(tmp_path: Path) -> None:
     assert kept.held.left[np.searchsorted(kept.held.time, 1260)] == 1
 
 
+def test_a_plot_on_land_leaves_nothing_and_draws_nothing(tmp_path: Path) -> None:
+    """The third, wholly on land: it left none of the cloud, that is told, and nothing is said to be drawn anew from it."""
+    (tmp_path / "c.toml").write_text(DOUBTFUL, encoding="utf-8")
+    log = "time,sensor,bearing,range\n+2 min,radar,120,4\n+12 min,radar,118,5\n+20 min,radar,350,8\n"
+    (tmp_path / "d.csv").write_text(log, encoding="utf-8")
+    off = {"land": "turn", "tracker.at": "'36 00N 005 30W'"}  # Tarifa is north of it
+    found = drift.track(tmp_path / "c.toml", tmp_path / "out", changes=off)
+    row = next(row for row in csv.DictReader((tmp_path / "out" / "track.csv").read_text(encoding="utf-8").splitlines()) if row["time"][14:16] == "20")  # fmt: skip
+    assert (row["left_percent"], row["particles"]) == ("0.0", "0")
+    assert found.held.drawn[found.held.row(1200.0)]
+    assert files.numbers(found)["drawn_anew"] == []
+    assert "no track is held from 050020ZMAR26 on" in text.facts(found)["warning"]
+    # Two at once on either side begin a track: what the first drew was no cloud that the second could contradict.
+    (tmp_path / "d.csv").write_text(
+        "time,sensor,bearing,range\n+2 min,radar,120,4\n+2 min,radar,300,4\n", encoding="utf-8"
+    )
+    held = drift.track(tmp_path / "c.toml").held
+    assert np.isnan(held.left[held.row(120.0)])
+    assert not held.drawn[held.row(120.0)]
+    # In the second of the third another is in water: nothing is left of what was held, and it is drawn anew.
+    (tmp_path / "d.csv").write_text(f"{log}+20 min,radar,140,6\n", encoding="utf-8")
+    found = drift.track(tmp_path / "c.toml", changes=off)
+    assert files.numbers(found)["drawn_anew"] == [{"time": "2026-03-05T00:20:00Z", "left": 0.0}]
+
+
 def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     """A plot on the other side 3 minutes later needs 16 nmi less both boxes' slack, 8 nmi x hypot(0.05, 1 deg) each, in 3 min: 303 kn."""
     (tmp_path / "c.toml").write_text(DOUBTFUL, encoding="utf-8")
@@ -723,6 +749,13 @@ def test_plots_on_land_and_a_tracker_inland_are_told(tmp_path: Path) -> None:
     assert doubts.of(west)[-1] == (
         "the tracker is on land at 050000ZMAR26, 56-47.5N 009-41.5E: check latitudes and longitudes, unless it flies"
     )
+    # A box ends at the sensor's reach.
+    (tmp_path / "d.csv").write_text(log.replace("206,6.3", "206,6.1"), encoding="utf-8")
+    short = doubts.ashore(tracking.load(tmp_path / "c.toml", {**at, "sensor.0.reach": "6.2 nmi"}))
+    ways, ranges = np.meshgrid(206 + 20 * middles, NMI * (0.95 * 6.2 + (6.2 - 0.95 * 6.2) * middles))
+    lon, lat, _ = EARTH.fwd(np.full(ways.shape, 11 + 41.5 / 60), np.full(ways.shape, 56 + 47.5 / 60), ways, ranges)
+    assert short[120.0] == pytest.approx(shapely.contains_xy(land, lon, lat).mean(), abs=1 / 1600)
+    assert abs(short[120.0] - told[120.0]) > 5 / 1600
     followed = tracking.load("fast_boat", {"target.at": "'18 10N 77 20W'"})  # Jamaica
     assert [words[:31] for words in doubts.of(followed)] == ["the target is on land at 050000"]
     quay = tracking.load(
@@ -792,6 +825,7 @@ def test_a_log_that_ends_with_the_case_counts_to_its_end_with_a_path_too(tmp_pat
             track = drift.track(tmp_path / "c.toml", tmp_path / "out", overwrite=True)
             found[until, more] = track.held.place[:-2]
             end = "050059ZMAR26" if until == "+59 min" else "050100ZMAR26"
+            assert map._own(track)[1][-1] == (3540 if until == "+59 min" else 3600)  # the whole of the log is drawn
             late = f"known at its begin, 050030ZMAR26, and the tracker's log goes on until {end}: what was not seen since counts in the track alone"
             assert (late in text.facts(track).get("warning", "")) == bool(more)
         told = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
