@@ -48,6 +48,7 @@ from kernels import (
 )
 from kernels import coast as device_coast
 from kernels import prior as draws
+from kernels.curve import Straight
 from kernels.sample import Ranges, Tiles
 
 BOX = Box(-1.5, -1.5, 1.5, 1.5)
@@ -84,7 +85,8 @@ def move(physics: kernel.Physics, coastal: bool, ranges: Ranges = ALL, **place: 
 def inside() -> Callable[[], object]:
     """Return a job that places particles inside a step."""
     device, zeros, ones = coast(), np.zeros(N, np.int32), np.ones(N)
-    return lambda: bridge.between((zeros, zeros), (zeros + 9, zeros + 9), 0.5 * ones, ones, zeros, 1, 0, device)
+    ends = (zeros, zeros), (zeros + 9, zeros + 9)
+    return lambda: bridge.between(*ends, 0.5 * ones, (np.zeros(4 * N), ones, ones), ones, zeros, 1, 0, device)
 
 
 def drawn(name: str, *numbers: float) -> Callable[[], object]:
@@ -115,9 +117,10 @@ def watch(kind: int) -> Callable[[], object]:
     own, exposure = ensemble(), runtime.empty(N)
     time_, place = np.array([0, 300, 600], np.float32), np.zeros(6, np.int32)
     trig, course, searching = np.ones(6, np.float32), np.ones(8, np.float32), np.ones(2, np.int32)
-    track = sweep.Track(time_, place, trig, course, searching)
+    track = sweep.Track(time_, place, trig, course, searching, searching)
     table = np.array([0, 1, 100, 0.5, 100, 100, 0, 100], np.float32)
-    args = (own, own.batch([0]), (own.lon, own.lat), 0, 600, kind, track, table, np.ones(1, np.float32), exposure)
+    whole = Straight((own.lon, own.lat), (own.lon, own.lat), 0, 600)
+    args = (own, own.batch([0]), whole, kind, track, table, np.ones(1, np.float32), exposure)
     return lambda: sweep.expose(*args)
 
 

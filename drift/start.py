@@ -185,7 +185,9 @@ def staged(
     scene = scene_of(case, where, shore)
     try:
         anew = [contact.time for contact in case.contacts] if case.resampling.fills else []
-        clock, trial = step_size.clock_of(case.period, clock_spec(case), case.errors, where.sources, some, scene, anew)
+        clock, trial = step_size.clock_of(
+            case.period, clock_spec(case), case.errors, where.sources, some, scene, anew, is_told(case)
+        )
     except BaseException:
         scene.forcing.close()
         raise

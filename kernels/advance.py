@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from kernels import batch, bundle, errors, integrate, launch, life, noise, shore, sphere
+from kernels import batch, bundle, curve, errors, integrate, launch, life, noise, runtime, shore, sphere
 from kernels.batch import Batch
 from kernels.coast import Coast, DeviceCoast, Ints, Reals, open_sea
 from kernels.errors import Physics as Physics
@@ -69,7 +69,7 @@ OWN = {
 
 # The arguments of the kernel in groups: arrays in packs, numbers in structures.
 CoreColumns = ti.types.argpack(**CORE)
-OwnColumns = ti.types.argpack(**OWN, member_of=Ints)
+OwnColumns = ti.types.argpack(**OWN, member_of=Ints, bend=Reals)
 Terms = ti.types.struct(
     direction=ti.f32,  # +1 forward in time, -1 backward
     seed0=ti.u32,
@@ -83,6 +83,7 @@ Terms = ti.types.struct(
     south=ti.i32,
     width=ti.u32,
     height=ti.u32,
+    keeps=ti.i32,  # whether `bend` is written: see kernels.curve
 )
 
 
@@ -104,6 +105,7 @@ def _rows(features: int) -> dict[str, dict[str, int]]:
         "variance": 1,
         "walk": 2 * walks,
         "off": 2 * beached,
+        "first": 2,  # what the first stage leads to over the whole step
         "last": 2,
         "total": 2,
         "valid": 1,
@@ -212,12 +214,53 @@ def _way(held: ti.template(), j: ti.i32) -> integrate.Way:
 
 
 @ti.func
+def _bend(features: ti.template(), held: ti.template(), j: ti.i32) -> f32x4:
+    """Return how the drift of particle j of the bundle departs from its chord: see kernels.curve."""
+    chord = f32x2(held.total[0, j], held.total[1, j])
+    first = f32x2(held.first[0, j], held.first[1, j]) - chord
+    last = -first  # of the midpoint scheme: the parabola through its stages
+    if ti.static(features & RK4):
+        last = f32x2(held.last[0, j], held.last[1, j]) - chord
+    return f32x4(first[0], first[1], last[0], last[1])
+
+
+@ti.func
 def _off(features: ti.template(), held: ti.template(), j: ti.i32) -> f32x2:
     """Return the direction off the beach of particle j of the bundle: zero where it is afloat."""
     off = f32x2(0.0)
     if ti.static(features & REFLOAT):
         off = f32x2(held.off[0, j], held.off[1, j])
     return off
+
+
+@ti.func
+def _refloat(
+    features: ti.template(), velocity: ti.template(), held: ti.template(), j: ti.i32, core: ti.template(),
+    sea: ti.template(), coast: ti.template(), terms: ti.template(), elapsed: ti.i32, duration: ti.i32,
+):  # fmt: skip
+    """Place particle j of the bundle off its beach, from when in the step the drift there leads off it.
+
+    Where it leads onto the beach as the wait ends, and off it at the step's end, it is taken to turn linearly in between.
+    """
+    c = sphere.cos_lat(held.place[1, j])
+    x, y, east, north = shore.leave(held.place[0, j], held.place[1, j], c, terms.offing, core.edge[held.i[0, j]], coast)
+    held.place[0, j], held.place[1, j] = x, y
+    held.off[0, j], held.off[1, j] = terms.direction * east, terms.direction * north
+    if ti.static(features & ERRORS):
+        for k in ti.static(range(4 if features & WIND else 2)):
+            held.error[k, j] = held.errors[k, j]
+    if ti.static(features & BIAS):
+        held.error[0, j] += held.bias[0, j]
+        held.error[1, j] += held.bias[1, j]
+    led = f32x2(0.0)  # off the beach at both ends [m/s]
+    for k in range(2):
+        when = held.left[0, j] if k == 0 else held.finish[0, j]
+        fraction = ti.cast(when - elapsed, ti.f32) / duration
+        r = velocity(features, sea, _drifter(features, held, j), x, y, fraction)
+        led[k] = r[0] * held.off[0, j] + r[1] * held.off[1, j]
+    if led[0] <= 0.0 and led[1] > 0.0:
+        waits = led[0] / (led[0] - led[1]) * ti.cast(held.finish[0, j] - held.left[0, j], ti.f32)
+        held.left[0, j] = ti.min(held.left[0, j] + ti.cast(ti.ceil(waits), ti.i32) + 1, held.finish[0, j] - 1)
 
 
 @ti.kernel
@@ -247,6 +290,10 @@ def _advance(
         for j in range(ti.min(width, last - begin)):
             i = batch.slot(listed, slots, begin + j)
             _muster(features, i, j, held, core, own, shift, terms, elapsed, duration)
+        if ti.static(features & REFLOAT):
+            for j in range(width):
+                if held.waits[0, j] == 1:
+                    _refloat(features, velocity, held, j, core, sea, coast, terms, elapsed, duration)
         for j in range(width):
             held.dt[0, j] = ti.cast(held.finish[0, j] - held.left[0, j], ti.f32)
             held.begin[0, j] = ti.cast(held.left[0, j] - elapsed, ti.f32) / duration
@@ -254,15 +301,6 @@ def _advance(
             held.trig[0, j], held.trig[1, j] = sphere.cos_lat(held.place[1, j]), sphere.sin_lat(held.place[1, j])
             held.valid[0, j], held.sets_off[0, j] = 1.0, 1.0
         errors.draw(features, width, held, table, terms, step)
-        if ti.static(features & REFLOAT):
-            for j in range(width):
-                if held.waits[0, j] == 1:
-                    x, y, east, north = shore.leave(
-                        held.place[0, j], held.place[1, j], held.trig[0, j], terms.offing,
-                        core.edge[held.i[0, j]], coast,
-                    )  # fmt: skip
-                    held.place[0, j], held.place[1, j] = x, y
-                    held.off[0, j], held.off[1, j] = terms.direction * east, terms.direction * north
         scheme = ti.static(integrate.CLASSICAL if features & RK4 else integrate.MIDPOINT)
         # The loop runs at run time: unrolled it takes three times as long to compile and runs no faster.
         for stage in range(ti.static(len(scheme[0]))):
@@ -275,6 +313,7 @@ def _advance(
                     _off(features, held, j),
                 )  # fmt: skip
                 for k in ti.static(range(2)):
+                    held.first[k, j] = ti.select(stage == 0, way.last[k], held.first[k, j])
                     held.last[k, j], held.total[k, j] = way.last[k], way.total[k]
                 held.valid[0, j], held.sets_off[0, j] = way.valid, way.sets_off
         for j in range(width):
@@ -288,9 +327,11 @@ def _advance(
                 held.move[k, j] = ti.cast(ti.round(ti.select(near, way[k], 0.0)), ti.i32)
             held.known[0, j] = ti.cast(near & (held.valid[0, j] > 0.5), ti.i32)
             if ti.static(features & COAST):
+                off = curve.bulge(_bend(features, held, j))
                 far = shore.is_far(
                     ti.static(bool(features & DIFFUSION)), held.place[0, j], held.place[1, j],
-                    held.move[0, j], held.move[1, j], held.trig[0, j], held.variance[0, j], coast,
+                    held.move[0, j], held.move[1, j], ti.cast(ti.max(off[0], off[1]), ti.i32) + 1,
+                    held.trig[0, j], held.variance[0, j], coast,
                 )  # fmt: skip
                 held.far[0, j] = ti.cast(far, ti.i32)
         for j in range(width):
@@ -313,18 +354,26 @@ def _advance(
                     )  # fmt: skip
                 move_lon, move_lat, known = held.move[0, j], held.move[1, j], held.known[0, j] == 1
                 x_end, y_end = x + move_lon, y + move_lat
+                curved = _bend(features, held, j)
                 met, number, part = 0, -1, ti.cast(1.0, ti.f32)
                 if ti.static(features & COAST):
                     # The shore is asked first: a stage may lie inland, behind it, and find no forcing only for that.
                     if held.far[0, j] == 0:
                         met, x_end, y_end, part, number = shore.meet(
                             ti.static(bool(features & DIFFUSION)), ti.static(bool(features & SLIDE)),
-                            x, y, move_lon, move_lat, held.trig[0, j],
+                            x, y, move_lon, move_lat, curved, held.trig[0, j],
                             held.variance[0, j], terms.coast0, terms.coast1, slot, step, coast,
                         )  # fmt: skip
                     if ti.static(features & SLIDE):
                         if x_end != x + move_lon or y_end != y + move_lat:
                             known = True  # it slid along the shore: a stage that found no forcing lay inland
+                if terms.keeps == 1:
+                    if met == 1:
+                        curved = curve.cut_short(curved, part)
+                    elif not known or x_end != x + move_lon or y_end != y + move_lat:  # it slid, or stays
+                        curved = f32x4(0.0)
+                    for k in ti.static(range(4)):
+                        own.bend[4 * i + k] = curved[k]
                 life.ending(core, terms, i, met, number, part, known, x_end, y_end, left, finish, elapsed + duration)
 
 
@@ -343,6 +392,7 @@ class Step(NamedTuple):
     elapsed: int  # [s] from the run's start to the begin of the step
     duration: int  # [s] > 0
     direction: int  # +1 forward in time, -1 backward
+    pieces: int = 1  # straight pieces into which evidence cuts the ways of what drifts in it
 
 
 Move = Callable[[Step], None]
@@ -426,18 +476,21 @@ def mover(
     place: Surroundings,
     direction: int,
     velocity: Any = drift,
+    bend: Any = None,
 ) -> Move:
     """Return a function that moves slots of an ensemble over one lattice step, in place, by one launch.
 
     ensemble: a drift.particles.ensemble.Ensemble. own: its slots that are moved; the number of each in the whole run is
     the key of its noise. ranges: first and last tile by quantity. physics: of each scenario of the batch. direction: of
     all its steps. velocity: a function as kernels.integrate takes it, so that the order of the scheme can be measured
-    on an analytic flow. A particle moves only while adrift, from its release on; it ends ashore, sunk, outside the
+    on an analytic flow. bend: float32 (4 n,) on the device, which takes how each way departs from its chord
+    (kernels.curve); None: nothing is kept of that. A particle moves only while adrift, from its release on; it ends ashore, sunk, outside the
     forcing or the domain.
     """
     seed0, seed1 = noise.key(ensemble.seed)
     coastal = Purpose.DEBRIS_COAST if place.debris else Purpose.RUN
     coast0, coast1 = noise.key(ensemble.seed, coastal, place.debris)
+    keeps = bend is not None
     needed = features(ranges, physics, place) | MEMBERS * (tiles.members > 1)
     args = (
         needed,
@@ -451,7 +504,12 @@ def mover(
         own.shift,
         own.table(physics),
         launch.pack(CoreColumns, *(getattr(ensemble, name) for name in CORE)),
-        launch.pack(OwnColumns, *(ensemble.own[name] for name in OWN), members_of(ensemble.own, tiles)),
+        launch.pack(
+            OwnColumns,
+            *(ensemble.own[name] for name in OWN),
+            members_of(ensemble.own, tiles),
+            bend if keeps else runtime.empty(4),
+        ),
         tiles.sea(ranges),
         (place.coast or open_sea()).pack,
         {
@@ -464,6 +522,7 @@ def mover(
             "offing": place.beach.offing,
             "debris": place.debris,
             **place.domain._asdict(),
+            "keeps": int(keeps),
         },
         *(0, 1, 0),
     )

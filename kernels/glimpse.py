@@ -13,6 +13,7 @@ import taichi as ti
 from kernels import batch, life, listen
 from kernels.batch import Batch
 from kernels.coast import Ints, Reals
+from kernels.curve import Straight
 from kernels.listen import Ear, HostReals, Stretch, f32x2
 
 HEARD, ROUND, PLACES = range(3)  # a sonar (kernels.listen); POD by bearing and range; POD by place
@@ -193,9 +194,7 @@ def ear(stretch: Stretch, pods: Pods) -> Any:
 def drifting(
     ensemble: Any,
     own: Batch,
-    before: tuple[Any, Any],
-    elapsed: int,
-    duration: int,
+    way: Straight,
     stretch: Stretch,
     pods: Pods,
     shore: bool,
@@ -203,12 +202,12 @@ def drifting(
 ) -> None:
     """Add to the logs of misses what a sensor does to what drifts, of the slots of a batch, on a stretch of the step just made.
 
-    ensemble: a drift.particles.ensemble.Ensemble; before: its lon and lat at the begin of the step, at `elapsed` [s]. log_missed:
+    ensemble: a drift.particles.ensemble.Ensemble; way: its way on a straight part of that step. log_missed:
     device (n,). shore: whether what lies ashore is seen.
     """
     e = ensemble
     _drifting(
-        pods.kind, own.listed, own.first, own.last, own.slots, *before, e.lon, e.lat, e.status, e.release,
-        e.status_since, e.moving_since, elapsed, duration, ear(stretch, pods),
+        pods.kind, own.listed, own.first, own.last, own.slots, *way.before, *way.after, e.status, e.release,
+        e.status_since, e.moving_since, way.elapsed, way.duration, ear(stretch, pods),
         np.ascontiguousarray(pods.table, np.float32).reshape(-1), int(shore), log_missed,
     )  # fmt: skip

@@ -80,7 +80,7 @@ def ending(
 def behind(
     status: ti.i32, release: ti.i32, status_since: ti.i32, moving_since: ti.i32, elapsed: ti.i32, duration: ti.i32
 ):
-    """Return (seen, left, finish, gone) [s] of the step just made, which began at `elapsed`.
+    """Return (seen, left, finish, gone) [s] of the step just made, or of a part of it, which began at `elapsed`.
 
     Pending particles are not allowed. The particle was there to be seen from `seen` until `gone`, and moved straight
     from `left` to `finish`: not before its release, nor before it refloated (`moving_since`), nor after it ended
@@ -93,9 +93,7 @@ def behind(
         if status != ASHORE:
             gone = finish
     seen = ti.max(elapsed, release)
-    left = seen
-    if moving_since < finish:
-        left = ti.max(left, moving_since)
+    left = ti.max(seen, ti.min(moving_since, finish))  # the latter: it refloats after this part of the step
     return seen, left, finish, gone
 
 

@@ -14,6 +14,7 @@ import taichi as ti
 from kernels import batch, jumps, life, sphere
 from kernels.batch import Batch
 from kernels.coast import Ints, Reals
+from kernels.curve import Straight
 from kernels.jumps import STAIRS, Silence
 
 STEEP = 2.0  # [dB] by which losses, and gains, may change within a part
@@ -461,19 +462,17 @@ def laid(stretch: Stretch, tables: Tables, offsets: np.ndarray) -> Laid:
 def drifting(
     ensemble: Any,
     own: Batch,
-    before: tuple[Any, Any],
-    elapsed: int,
-    duration: int,
+    way: Straight,
     sonar: Laid,
     kept: tuple[Any, Any, Any],
 ) -> None:
     """Have a sonar listen for what drifts, of the slots of a batch, on a stretch of the step just made.
 
-    ensemble: a drift.particles.ensemble.Ensemble; before: its lon and lat at the begin of the step, at `elapsed` [s].
+    ensemble: a drift.particles.ensemble.Ensemble; way: its way on a straight part of that step.
     kept: the sonar's columns on the device, see `columns`. What lies ashore is not heard.
     """
     e = ensemble
     _drifting(
-        own.listed, own.first, own.last, own.slots, e.scenario, *before, e.lon, e.lat, e.status, e.release,
-        e.status_since, e.moving_since, elapsed, duration, sonar.ear, *sonar.tables, *kept,
+        own.listed, own.first, own.last, own.slots, e.scenario, *way.before, *way.after, e.status, e.release,
+        e.status_since, e.moving_since, way.elapsed, way.duration, sonar.ear, *sonar.tables, *kept,
     )  # fmt: skip

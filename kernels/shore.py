@@ -6,7 +6,7 @@ tangent at the particle, with the shore near it taken as a straight line.
 
 import taichi as ti
 
-from kernels import noise, sphere
+from kernels import curve, noise, sphere
 from kernels.coast import first_crossing, is_clear
 
 METRES = sphere.RADIUS * sphere.UNIT  # [m] of a binary angle unit along a meridian
@@ -199,9 +199,12 @@ def mirrored(dlon, dlat, after, nx, ny, c):
 
 
 @ti.func
-def is_far(walks: ti.template(), lon, lat, dlon, dlat, c, variance, coast: ti.template()):
-    """Return whether a step, of which `meet` would tell, ends where it leads: it is too far from the shore to meet it."""
-    span = ti.max(ti.abs(dlon), ti.abs(dlat))
+def is_far(walks: ti.template(), lon, lat, dlon, dlat, off, c, variance, coast: ti.template()):
+    """Return whether a step, of which `meet` would tell, ends where it leads: it is too far from the shore to meet it.
+
+    off: by how much the way departs from its chord at most [binary angle units].
+    """
+    span = ti.max(ti.abs(dlon), ti.abs(dlat)) + off
     if ti.static(walks):
         # Beyond 2.9 standard deviations of the walk no bridge comes back with a chance of 2^-24.
         span += ti.cast(2.9 * ti.sqrt(variance) / (c * ti.f32(METRES)), ti.i32) + 1
@@ -216,6 +219,7 @@ def meet(
     lat,
     dlon,
     dlat,
+    bend,
     c,
     variance,
     seed0,
@@ -228,8 +232,10 @@ def meet(
 
     met: whether it ends on the shore.
 
-    walks: whether the step is a random walk of variance [m2] = 2 D t, with the noise of a slot and a step; otherwise it
-    is straight. A walk is a Brownian bridge, taken in pieces of at most PIECE, so that a shore smaller than the step's
+    bend: how the way departs from its chord (kernels.curve): it is taken in pieces that are straight, so that a bent
+    way meets the shore where small steps meet it.
+
+    walks: whether the step is a random walk of variance [m2] = 2 D t, with the noise of a slot and a step. A walk is a Brownian bridge, taken in pieces of at most PIECE, so that a shore smaller than the step's
     spread is met as often as at small steps; each piece is tested for a crossing and for a touch. part: share of the
     step [1] after which the shore is met.
 
@@ -237,18 +243,27 @@ def meet(
     and led `along` each further edge in turn.
     """
     k = ti.f32(METRES)
-    pieces = 1
+    pieces = curve.pieces(bend, c, MOST_PIECES)
+    bent = pieces > 1
     if ti.static(walks):
-        pieces = ti.min(ti.max(ti.cast(ti.ceil(variance / (PIECE * PIECE)), ti.i32), 1), MOST_PIECES)
+        pieces = ti.min(ti.max(ti.cast(ti.ceil(variance / (PIECE * PIECE)), ti.i32), pieces), MOST_PIECES)
     v = variance / ti.cast(pieces, ti.f32)
     x, y, rest_lon, rest_lat = lon, lat, dlon, dlat
+    off_lon, off_lat = 0, 0  # how far the way is off its chord
     met, part, number = 0, ti.cast(1.0, ti.f32), -1
     for j in range(pieces):
         if met == 0:
             move_lon, move_lat, chance = rest_lon, rest_lat, ti.cast(0.0, ti.f32)
             if ti.static(walks):
                 move_lon, move_lat, chance = piece(j, pieces, rest_lon, rest_lat, v, c, seed0, seed1, slot, step)
-                rest_lon, rest_lat = rest_lon - move_lon, rest_lat - move_lat
+            elif pieces > 1:
+                move_lon, move_lat = rest_lon // (pieces - j), rest_lat // (pieces - j)
+            rest_lon, rest_lat = rest_lon - move_lon, rest_lat - move_lat
+            if bent:
+                off = curve.off_chord(bend, ti.cast(j + 1, ti.f32) / ti.cast(pieces, ti.f32))
+                to_lon, to_lat = ti.cast(ti.round(off[0]), ti.i32), ti.cast(ti.round(off[1]), ti.i32)
+                move_lon, move_lat = move_lon + to_lon - off_lon, move_lat + to_lat - off_lat
+                off_lon, off_lat = to_lon, to_lat
 
             # The first attempt is the piece itself; later ones are what the shore makes of a piece that has met it.
             x_from, y_from, way_lon, way_lat, going = x, y, move_lon, move_lat, 1

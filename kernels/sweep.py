@@ -1,7 +1,7 @@
 """What a sensor's track has done to each particle: its exposure, and what that makes of weights.
 
-A stretch of a step is given by nodes: times [s after the step's begin] and places of the sensor, straight in between.
-The particle goes straight from where the step began to where it ended. All is worked out in the frame of the particle,
+A stretch of a step is given by nodes: times [s after the stretch's begin] and places of the sensor, straight in between.
+The particle goes straight from where the stretch began to where it ended. All is worked out in the frame of the particle,
 in metres.
 """
 
@@ -13,6 +13,7 @@ import taichi as ti
 from kernels import batch, life, sphere
 from kernels.batch import Batch
 from kernels.coast import Ints, Reals
+from kernels.curve import Straight
 
 METRES = sphere.RADIUS * sphere.UNIT
 TINY = 1e-30
@@ -319,9 +320,7 @@ class Track(NamedTuple):
 def expose(
     ensemble: Any,
     own: Batch,
-    before: tuple[Any, Any],
-    elapsed: int,
-    duration: int,
+    way: Straight,
     kind: int,
     track: Track,
     table,
@@ -331,7 +330,7 @@ def expose(
 ) -> None:
     """Add to the exposure of the slots of a batch what a sensor does on a stretch of the step just made.
 
-    ensemble: a drift.particles.ensemble.Ensemble; before: its lon and lat at the begin of the step, at `elapsed` [s].
+    ensemble: a drift.particles.ensemble.Ensemble; way: its way on a straight part of that step.
     kind: CUBE adds the integral of ds / 2 r^3 [1/m2], where scale is above 0; ABEAM the log of a miss wherever it comes
     abeam, for each factor of W, table a lateral range curve and scale 1 / W by factor [1/m], 0 for what is not seen;
     ZONES hazards, table radii in pairs [m] and scale rates [1/s]; INSIDE the time inside the ring `table` [m] round the
@@ -340,8 +339,8 @@ def expose(
     """
     e, scale = ensemble, np.asarray(scale, np.float32)
     _expose(
-        kind, own.listed, own.first, own.last, own.slots, e.scenario, *before, e.lon, e.lat, e.status, e.release,
-        e.status_since, e.moving_since, elapsed, duration, *track[:-1], np.asarray(table, np.float32), scale.reshape(-1),
+        kind, own.listed, own.first, own.last, own.slots, e.scenario, *way.before, *way.after, e.status, e.release,
+        e.status_since, e.moving_since, way.elapsed, way.duration, *track[:-1], np.asarray(table, np.float32), scale.reshape(-1),
         scale.shape[1] if scale.ndim == 2 else 0, scale.shape[-1], exposure, e.n, int(shore),
     )  # fmt: skip
 

@@ -95,11 +95,11 @@ class ClockTable(fields.Table):
     """The [clock] table as written."""
 
     step: Annotated[int | None, BeforeValidator(_step)] = None
-    """Length of a step, `"auto"` or a whole number of seconds; `auto` halves steps until `tolerance` is met."""
+    """Length of a step, `"auto"` or a whole number of seconds; `auto` halves steps until `tolerance` is met, over the whole run."""
     scheme: Literal["rk2", "rk4"] = "rk4"
     """Runge-Kutta of order 4, or of order 2."""
     tolerance: Annotated[fields.Length, Field(gt=0)] = 20.0
-    """How far a day's drift with the chosen step may be from that with half of it."""
+    """How far a day's drift with the chosen step may be from that with half of it, and how far a place inside a step."""
 
 
 class DomainTable(fields.Table):

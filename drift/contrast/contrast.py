@@ -130,7 +130,15 @@ def _begun(job_a: Job, job_b: Job) -> tuple[Start, Start, list[str]]:
             begin.scene.forcing.close()
         raise
     step = math.gcd(*(begin.clock.step for begin in begun))  # so that both still end at the times of their files
-    a, b = (replace(begin, clock=replace(begin.clock, step=step, phase=begin.clock.phase % step)) for begin in begun)
+    breaks = tuple(sorted({time for begin in begun for time in begin.clock.breaks}))
+    straight = min(begin.clock.straight for begin in begun)
+    a, b = (
+        replace(
+            begin,
+            clock=replace(begin.clock, step=step, phase=begin.clock.phase % step, breaks=breaks, straight=straight),
+        )
+        for begin in begun
+    )
     notes = []
     if a.clock.phase != b.clock.phase:
         notes.append(

@@ -6,6 +6,7 @@ Every particle has its own three leeway lines, its own side of the wind, and its
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -75,15 +76,17 @@ def draw_errors(ensemble: Ensemble, slots: Slots, key: Key, errors: Errors) -> N
         draws.draw_error(*slots, east, north, number, *key, std)
 
 
-def mover(ensemble: Ensemble, group: Group, waters: Waters, direction: int) -> kernel.Move:
+def mover(ensemble: Ensemble, group: Group, waters: Waters, direction: int, bend: Any) -> kernel.Move:
     """Return what moves a group of scenarios over a step: see kernels.advance."""
-    return kernel.mover(ensemble, group.batch, waters.tiles, waters.ranges, group.terms, waters.place, direction)
+    return kernel.mover(
+        ensemble, group.batch, waters.tiles, waters.ranges, group.terms, waters.place, direction, bend=bend
+    )
 
 
 def between(
     ensemble: Ensemble, terms: tuple[Physics | None, ...], place: kernel.Surroundings, inside: Inside
 ) -> tuple[Array, Array]:
-    """Return where particles are inside a step: on a Brownian bridge between its ends.
+    """Return where particles are inside a step: on a Brownian bridge about their drift.
 
     Its variance a component is 2 D s (1 - s) T at a share s of a way that takes T.
     """
@@ -92,7 +95,9 @@ def between(
     spread = np.where(inside.adrift, np.sqrt(variance), 0.0)
     after = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
     key = inside.seed, inside.moment
-    lon, lat = bridge.between(inside.before, after, inside.share, spread, ensemble.places, *key, place.coast)
+    lon, lat = bridge.between(
+        inside.before, after, inside.share, inside.bend, spread, ensemble.places, *key, place.coast
+    )
     return lon, lat
 
 

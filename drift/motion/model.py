@@ -42,6 +42,9 @@ class Inside(NamedTuple):
     before: tuple[Array, Array]  # lon, lat [binary angle] where each particle's way in the step begins
     share: Array  # share of its way that a particle has gone by then, 0 to 1
     lasting: Array  # [s] that its way takes
+    # Of its whole way in the step: how it departs from its chord, float32 (4 n,); the share of it at which `before`
+    # lies, and the share at this time. See kernels.curve.
+    bend: tuple[Array, Array, Array]
     adrift: Array  # bool: whether it is still adrift at the step's end
     seed: int
     moment: int  # together with seed and slot, the key of the noise at that time
@@ -61,7 +64,8 @@ class Model:
     # Draws the columns' first values, of a scenario's slots.
     draw: Callable[[Ensemble, Slots, Key, Scenario, Errors], None]
     # Returns what moves a group of scenarios over a step; int: direction in time.
-    mover: Callable[[Ensemble, Group, Waters, int], kernel.Move]
+    # Device array (4 n,) or None: takes how each way departs from its chord.
+    mover: Callable[[Ensemble, Group, Waters, int, Any], kernel.Move]
     # Returns lon, lat [binary angle] inside a step; terms by scenario, None for those that move by another model.
     between: Callable[[Ensemble, tuple[Terms | None, ...], kernel.Surroundings, Inside], tuple[Array, Array]]
     # Returns terms that leave nothing to chance, so that the error of a step can be measured.

@@ -3,7 +3,8 @@
 It is the forcing, how each scenario's objects move, and the surroundings.
 """
 
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -20,7 +21,8 @@ from geo import sphere
 from geo.array import Array
 from kernels import advance as kernel
 from kernels import coast as device_coast
-from kernels import noise, runtime
+from kernels import curve, noise, runtime
+from kernels.curve import Straight
 from kernels.noise import Purpose
 from kernels.sample import Ranges, ordered
 
@@ -31,6 +33,7 @@ class Begin(NamedTuple):
     lon: Device  # binary angle, int32 (n,): where they were when what steers had been moved, so where each went adrift
     lat: Device
     helm: Mapping[str, Device] | None  # the columns of what steers, at the begin of the step; None: nothing does
+    bend: Device  # how the way of each departs from its chord: see kernels.curve, float32 (4 n,)
 
 
 class Kept(NamedTuple):
@@ -61,8 +64,9 @@ class Scene:
             helm.feel(self.forcing, step)
             at_helm = helm.keep() if keep else None
             helm.move(step, note=keep)
-        begin = Begin(runtime.copy(ensemble.lon), runtime.copy(ensemble.lat), at_helm) if keep else None
-        for move in self._movers(ensemble, step.direction):
+        moves, bend = self._movers(ensemble, step.direction, keep)
+        begin = Begin(runtime.copy(ensemble.lon), runtime.copy(ensemble.lat), at_helm, bend) if keep else None
+        for move in moves:
             move(step)
         return begin
 
@@ -77,21 +81,22 @@ class Scene:
         helm: Helm = self.forcing.movers[key][1]
         return helm
 
-    def _movers(self, ensemble: Ensemble, direction: int) -> tuple[kernel.Move, ...]:
-        """Return what moves an ensemble, one a group.
+    def _movers(self, ensemble: Ensemble, direction: int, keep: bool) -> tuple[tuple[kernel.Move, ...], Device]:
+        """Return what moves an ensemble, one a group, and where that keeps the bend of ways, if it is to be kept.
 
         It is made once for a layout of the ensemble, and kept until the forcing is closed.
         """
-        key = id(self), id(ensemble), direction
+        key = id(self), id(ensemble), 2 * direction + int(keep)
         if key not in self.forcing.movers or self.forcing.movers[key][0][2] is not ensemble.layout:
+            bend = runtime.empty(4 * ensemble.n) if keep else None
             movers = tuple(
-                model.mover(ensemble, group, Waters(self.forcing.tiles, ranges, self.place), direction)
+                model.mover(ensemble, group, Waters(self.forcing.tiles, ranges, self.place), direction, bend)
                 for model, ranges, group in self.groups(ensemble)
             )
             # They are kept alive, for an id() may be given again.
-            self.forcing.movers[key] = (self, ensemble, ensemble.layout), movers
-        moves: tuple[kernel.Move, ...] = self.forcing.movers[key][1]
-        return moves
+            self.forcing.movers[key] = (self, ensemble, ensemble.layout), (movers, bend)
+        made: tuple[tuple[kernel.Move, ...], Device] = self.forcing.movers[key][1]
+        return made
 
     def groups(self, ensemble: Ensemble) -> list[tuple[Model, Ranges, Group]]:
         """Return the groups of an ensemble's scenarios: those of one model that see the same tiles of the forcing.
@@ -135,18 +140,19 @@ class Scene:
         end = step.elapsed + step.duration
         since = kept.since if kept else step.elapsed
         lives = life.read(ensemble)
+        whole, begun = lives.share(step.elapsed, end, time), lives.share(step.elapsed, end, since)
         released = ensemble.release.to_numpy()
         adrift_from = begin.lon.to_numpy(), begin.lat.to_numpy()
         if kept:
             known = released <= since
             adrift_from = np.where(known, kept.lon, adrift_from[0]), np.where(known, kept.lat, adrift_from[1])
         left, finish = lives.way(since, end)
-        lasting = np.maximum(finish - left, 1)
-        share = np.clip((time - left) / lasting, 0.0, 1.0)
+        lasting, share = np.maximum(finish - left, 1), lives.share(since, end, time)
         moment = (start + step.direction * time) % 2**31
         purpose = Purpose.DEBRIS_BRIDGE if self.place.debris else Purpose.RUN
         seed = noise.seed_for(ensemble.seed, purpose, self.place.debris)
-        inside = Inside(adrift_from, share, lasting, lives.status == Status.ADRIFT, seed, moment)
+        bend = begin.bend.to_numpy(), begun, whole
+        inside = Inside(adrift_from, share, lasting, bend, lives.status == Status.ADRIFT, seed, moment)
         lon, lat = inside.before
         for model in dict.fromkeys(model for model, _ in self.motions):
             terms = tuple(terms if own is model else None for own, terms in self.motions)
@@ -165,23 +171,63 @@ class Scene:
     def velocity(self, ensemble: Ensemble, begin: Begin, step: kernel.Step, time: int) -> tuple[Array, Array]:
         """Return (east, north) [m/s] over ground of particles at a time inside the step just made, (n,).
 
-        What is adrift has the mean velocity of its way in the step; what lies still has none.
+        What is adrift has the velocity of its drift then, with the mean of what chance adds in the step; what lies still
+        has none.
         """
-        left, finish = life.read(ensemble).way(step.elapsed, step.elapsed + step.duration)
-        status = life.read(ensemble).at(time)
+        lives, end = life.read(ensemble), step.elapsed + step.duration
+        left, finish = lives.way(step.elapsed, end)
+        status = lives.at(time)
         lon, lat = begin.lon.to_numpy(), begin.lat.to_numpy()
         apart = sphere.offset(
             lon * sphere.UNIT, lat * sphere.UNIT, ensemble.lon.to_numpy() * sphere.UNIT,
             ensemble.lat.to_numpy() * sphere.UNIT,
         )  # fmt: skip
+        off_lon, off_lat = curve.slopes(begin.bend.to_numpy(), lives.share(step.elapsed, end, time))
+        metres = sphere.UNIT * sphere.RADIUS
+        off = off_lon * metres * np.cos(lat * sphere.UNIT), off_lat * metres
         moving = (status == Status.ADRIFT) & (finish > left)
-        east, north = (np.where(moving, way / np.maximum(finish - left, 1), 0.0) for way in apart)
+        lasting = np.maximum(finish - left, 1)
+        east, north = (np.where(moving, (way + more) / lasting, 0.0) for way, more in zip(apart, off, strict=True))
         helm = self.helm(ensemble)
         if helm and begin.helm:
             steers = status == Status.UNDER_WAY
             own = helm.velocity(begin.helm, step, time)
             east, north = (np.where(steers, new, old) for new, old in zip(own, (east, north), strict=True))
         return east, north
+
+
+def straight(ensemble: Ensemble, begin: Begin, step: kernel.Step, first: float, last: float) -> Iterator[Straight]:
+    """Return the parts of the step just made in which what drifts goes straight, as far as they lie between two times.
+
+    Args:
+        ensemble: of n particles, after the step.
+        begin: where they began the step.
+        step: with the number of its pieces.
+        first: [s after the run's start].
+        last: [s after the run's start].
+    """
+    edges = curve.edges(step.elapsed, step.duration, step.pieces)
+    before: tuple[Device, Device] | None = None
+    for low, high in itertools.pairwise(edges):
+        if high <= first or low >= last:
+            continue
+        if before is None:
+            before = _at(ensemble, begin, step, low)
+        after = _at(ensemble, begin, step, high)
+        yield Straight(before, after, low, high - low)
+        before = after
+
+
+def _at(ensemble: Ensemble, begin: Begin, step: kernel.Step, time: int) -> tuple[Device, Device]:
+    """Return where what drifts was at a time of the step, on the device: lon, lat [binary angle]."""
+    if time == step.elapsed:
+        return begin.lon, begin.lat
+    if time == step.elapsed + step.duration:
+        return ensemble.lon, ensemble.lat
+    places: tuple[Device, Device] = curve.places(
+        ensemble, (begin.lon, begin.lat), begin.bend, step.elapsed, step.duration, time
+    )
+    return places
 
 
 def land_of(scene: Scene) -> Callable[[npt.NDArray[Any], npt.NDArray[Any]], npt.NDArray[np.bool_]] | None:

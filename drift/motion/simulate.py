@@ -1,7 +1,7 @@
 """A run: moves an ensemble through its scene, step by step, from one output to the next.
 
 Steps are those of the clock's lattice. Releases and outputs fall where they may: a particle moves from its release on,
-an output inside a step is interpolated along it.
+an output inside a step lies on the curve that the step describes (kernels.curve).
 """
 
 from collections.abc import Callable, Iterator
@@ -43,8 +43,8 @@ PositionsAt = Callable[[Ensemble, Scene, Begin | None, int], tuple[Array, Array]
 class Filter(Protocol):
     """An observer that changes the weights of an ensemble while it moves: see drift.search.filter.Search."""
 
-    def stops(self, after: int, until: int) -> list[int]:
-        """Return the times in (after, until] at which something takes effect [s after start]."""
+    def stops(self, after: int, until: int, step: kernel.Step | None = None) -> list[int]:
+        """Return the times in (after, until] at which something takes effect [s after start]; step: from one to the other."""
 
     def before(self, elapsed: int, duration: int) -> bool:
         """Make ready for a step, for which the forcing is set; return whether it has to know where the step began."""
@@ -141,7 +141,7 @@ def run(
             continue
         end = step.elapsed + step.duration
         shown = {t for t in due if t <= end}
-        stops = set(search.stops(max(step.elapsed, 0), end)) if search else set()
+        stops = set(search.stops(max(step.elapsed, 0), end, step)) if search else set()
         inside = any(t < end for t in shown | stops)
         if search:
             scene.forcing.set(low, high)

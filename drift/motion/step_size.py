@@ -1,11 +1,13 @@
 """The step of a run: as the case says, or the largest whose error on a sample of its particles is small."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
-from drift.motion.clock import Clock, lattice
+from drift.motion.clock import NEVER, Clock, breaks, lattice
 from drift.motion.forcing_error import Errors
 from drift.motion.period import ClockSpec, Period
 from drift.motion.scene import Scene
@@ -17,32 +19,39 @@ from geo.array import Array
 from geo.errors import UserError
 from geo.forcing.sources import Source
 from kernels import advance as kernel
+from kernels import curve
+from kernels.curve import CHORD
+
+Times = npt.NDArray[np.int64]  # [s since 1970]
 
 LADDER = (3600, 1800, 1200, 900, 600, 450, 300, 240, 180, 120, 60, 30, 15)  # [s] steps that "auto" chooses from
 RUNGS = ((0, 1), (1, 5), (5, 9), (9, 13))  # rungs of the ladder that are tried together: often the first one will do
 FEWEST = 100  # least particles from which a percentile is taken
 TRIAL_SIZE = 1000  # particles whose error decides on the step: the rank of their percentile errs by 0.7 %
-TRIAL_SPAN = 86_400  # [s] over which the error is measured
+WINDOW = 86_400  # [s] over which an error is measured
+WINDOWS = 4  # most windows: those of a longer run lie apart, evenly from its begin to its end
 DAY = 86_400
 HALF_TURN = 180.0  # [deg] cells as wide as that are of a current that is the same everywhere
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Why "auto" chose a step: the 95th percentile of the error [m a day] of each step tried."""
+    """Why "auto" chose a step, and for how long ways are straight in it."""
 
     step: int
-    errors: dict[int, float]
+    errors: dict[int, float]  # the 95th percentile of the error [m a day] of each step tried
+    straight: int = NEVER  # [s]
 
 
 def clock_of(
     period: Period, spec: ClockSpec, errors: Errors, sources: Sequence[Source], ensemble: Ensemble, scene: Scene,
-    ends: Sequence[np.datetime64] = (),
+    ends: Sequence[np.datetime64] = (), evidence: bool = False,
 ) -> tuple[Clock, Trial | None]:  # fmt: skip
     """Return the clock, on the lattice of the forcing's times, and why its step was chosen.
 
     The step is the one asked for, or the largest whose error is small. sources: of all forcing. ends: times at
-    which a step has to end, those of contacts at which particles are placed anew.
+    which a step has to end, those of contacts at which particles are placed anew. evidence: whether anything looks at
+    ways inside steps, so that it matters for how long they are straight.
     """
     times = [notation.epochs(s.times) for s in sources if s.times.size > 1]
     divisor, origin = lattice(times)
@@ -57,20 +66,31 @@ def clock_of(
     start, duration, direction = period.epoch, period.duration, period.direction
     limits = {
         **{reason: longest for model, _ in scene.motions for reason, longest in model.longest(errors).items()},
+        # What lands again waits for the next step: with r this share, its wait is longer by r^2 / 6, 4 %.
+        "half of the mean time on the beach": scene.place.beach.stay / 2 or np.inf,
         "the interval of the forcing": min((float(np.median(np.diff(t))) for t in times), default=np.inf),
         "the time in which what feels the current under way crosses a cell of it": _crossing(scene, sources),
     }
     reason, longest = min(limits.items(), key=lambda item: item[1])
+    run = Clock(start, duration, direction, 1, 0)
     if spec.step is None:
-        ladder_clock = Clock(start, duration, direction, 1, 0)
-        trial = choose_step(ensemble, scene, ladder_clock, divisor, origin, longest, spec.tolerance)
-        return Clock(start, duration, direction, trial.step, origin % trial.step), trial
+        trial = choose_step(ensemble, scene, run, divisor, origin, longest, spec.tolerance, times)
+        return _stepping(run, trial.step, origin, times, trial.straight), trial
     if spec.step > longest:
         raise UserError(
             f"clock.step: {spec.step} s is longer than {reason}, {longest:.0f} s: the result would depend on it; "
             'give at most that, or "auto"'
         )
-    return Clock(start, duration, direction, spec.step, origin % spec.step), None
+    step, straight = spec.step, NEVER
+    if evidence:
+        march = _March(ensemble, scene, run, [step], origin, times)
+        straight = min(found.straight(step) for found in march.windows())
+    return _stepping(run, step, origin, times, straight), None
+
+
+def _stepping(run: Clock, step: int, origin: int, times: Sequence[Times], straight: int = NEVER) -> Clock:
+    """Return the clock of a run in some step, on the lattice through `origin` [s since 1970]."""
+    return replace(run, step=step, phase=origin % step, breaks=breaks(times, step, origin), straight=straight)
 
 
 def _crossing(scene: Scene, sources: Sequence[Source]) -> float:
@@ -87,59 +107,178 @@ def _crossing(scene: Scene, sources: Sequence[Source]) -> float:
 
 
 def choose_step(
-    ensemble: Ensemble, scene: Scene, clock: Clock, divisor: int, origin: int, longest: float, tolerance: float
+    ensemble: Ensemble,
+    scene: Scene,
+    clock: Clock,
+    divisor: int,
+    origin: int,
+    longest: float,
+    tolerance: float,
+    times: Sequence[Times] = (),
 ) -> Trial:
-    """Return the largest step of the ladder whose error stays under a tolerance [m a day].
+    """Return the largest step of the ladder whose error stays under a tolerance.
 
-    The ladder's steps divide `divisor` [s], the forcing's interval, and are at most `longest` [s]; lattices pass
-    through `origin` [s since 1970], one of its times. The error of a step is the distance between tracks of a sample
-    with that step and with half of it, noise off, over at most a day: its 95th percentile among those adrift to the end
-    with both (step halving; Hairer, Norsett and Wanner 1993, II.4), or ashore if hardly any is.
+    The error of a step is that between tracks of a sample with it and with half of it, noise off: the distance between
+    their ends, over at most a day [m a day], and inside a step the distance between where the longer one says particles
+    are and where the shorter one brings them [m] (step halving; Hairer, Norsett and Wanner 1993, II.4). It is the 95th
+    percentile among those adrift to the end with both, or ashore if hardly any is, in the worst of the windows.
+
+    Args:
+        ensemble: of the run, of which a sample is taken.
+        scene: of the run.
+        clock: from begin to end of the run; its step does not matter.
+        divisor: [s] what steps of the ladder divide: the forcing's interval.
+        origin: [s since 1970] a point of the lattice.
+        longest: [s] the longest step allowed.
+        tolerance: [m a day], and inside a step [m].
+        times: of sources [s since 1970], at which steps are cut.
+
+    Returns:
+        The step, and the errors of all that were tried.
     """
     ladder = [s for s in LADDER if divisor % s == 0 and s <= longest] or [_largest_divisor(divisor, longest)]
-    chosen = np.unique(np.linspace(0, ensemble.n - 1, min(TRIAL_SIZE, ensemble.n)).astype(np.int64))
-    release = ensemble.release.to_numpy()[chosen]
-    span = min(clock.duration, TRIAL_SPAN + int(release.max()))
     errors: dict[int, float] = {}
+    straight: dict[int, int] = {}
     for first, last in RUNGS:
         rungs = ladder[first:last]
-        steps = sorted({*rungs, *(_half(s) for s in rungs)})
-        ends, elapsed = _march(
-            ensemble, scene.without_noise(), chosen, steps, Clock(clock.start, span, clock.direction, 1, origin)
-        )
-        days = np.maximum(elapsed - np.maximum(release, 0), 3600) / DAY
+        if not rungs:
+            break
+        steps = sorted({*rungs, *(_half(s) for s in rungs)}, reverse=True)
+        for found in _March(ensemble, scene, clock, steps, origin, times).windows():
+            for step in rungs:
+                errors[step] = max(errors.get(step, 0.0), found.error(step))
+                straight[step] = min(straight.get(step, NEVER), found.straight(step))
         for step in rungs:
-            coarse, fine = ends[step], ends[_half(step)]
-            adrift = (coarse[2] == Status.ADRIFT) & (fine[2] == Status.ADRIFT)
-            if adrift.sum() < FEWEST:  # most went ashore: where they did so counts
-                adrift = on_map(coarse[2]) & on_map(fine[2])
-            apart = sphere.distance(*(x[adrift] * sphere.UNIT for x in (*coarse[:2], *fine[:2])))
-            errors[step] = float(np.percentile(apart / days[adrift], 95)) if adrift.any() else 0.0
             if errors[step] <= tolerance:
-                return Trial(step, errors)
-    return Trial(ladder[-1], errors)
+                return Trial(step, errors, straight[step])
+    return Trial(ladder[-1], errors, straight[ladder[-1]])
 
 
-def _march(
-    ensemble: Ensemble, scene: Scene, chosen: Array, steps: list[int], clock: Clock
-) -> tuple[dict[int, tuple[Array, Array, Array]], int]:
-    """Return where a sample ends (lon, lat, status) with each step, and after how long [s].
+@dataclass(frozen=True)
+class _Window:
+    """What each step made of a sample in a part of the run; columns of shape (m,)."""
 
-    All go through the forcing side by side, in stretches that every step divides, so that it is read once.
+    ends: dict[int, tuple[Array, Array, Array]]  # lon, lat [binary angle] and status at its end
+    days: Array  # for how long each particle drifted in it, at least an hour
+    inside: dict[int, float]  # [m] how far apart particles are by a step and by its half, half-way in a step
+    bulges: dict[int, float]  # [m] by how much a way departs from its chord at most
+
+    def error(self, step: int) -> float:
+        """Return the error of a step: see `choose_step`."""
+        (lon, lat, status), (lon_half, lat_half, status_half) = self.ends[step], self.ends[_half(step)]
+        adrift = (status == Status.ADRIFT) & (status_half == Status.ADRIFT)
+        if adrift.sum() < FEWEST:  # most went ashore: where they did so counts
+            adrift = on_map(status) & on_map(status_half)
+        if not adrift.any():
+            return 0.0
+        apart = _apart(lon, lat, lon_half, lat_half)
+        return max(float(np.percentile((apart / self.days)[adrift], 95)), self.inside[step])
+
+    def straight(self, step: int) -> int:
+        """Return for how long ways are straight [s], by kernels.curve.CHORD."""
+        bulge = self.bulges[step]
+        return NEVER if bulge <= CHORD else max(int(step * np.sqrt(CHORD / bulge)), 1)
+
+
+class _March:
+    """A sample of a run's particles that goes through windows of the run with several steps side by side, noise off.
+
+    All steps go through the forcing together, so that it is read once. What has come ashore or is lost in a window is
+    back in the next one where it was last afloat, so that each window is judged by particles that drift.
     """
-    if not steps:
-        return {}, 0
-    stretch = int(np.lcm.reduce(steps))
-    trials = {step: record.sample(ensemble, chosen) for step in steps}
-    elapsed = 0
-    for low, high, whole in Clock(clock.start, clock.duration, clock.direction, stretch, clock.phase % stretch).steps():
-        for step, trial in trials.items():
-            for k in range(stretch // step):
-                begin = low + k * step if clock.direction > 0 else high - (k + 1) * step
-                part = kernel.Step(0, whole.elapsed + k * step, step, clock.direction)
-                scene.advance(trial, begin, begin + step, part)
-        elapsed = whole.elapsed + stretch
-    return {s: (t.lon.to_numpy(), t.lat.to_numpy(), t.status.to_numpy()) for s, t in trials.items()}, elapsed
+
+    def __init__(
+        self, ensemble: Ensemble, scene: Scene, run: Clock, steps: list[int], origin: int, times: Sequence[Times]
+    ) -> None:
+        """Take the sample; steps [s]: descending, each but the last of pairs followed by its half."""
+        chosen = np.unique(np.linspace(0, ensemble.n - 1, min(TRIAL_SIZE, ensemble.n)).astype(np.int64))
+        self._scene, self._run, self._origin = scene.without_noise(), run, origin
+        self._clocks = {step: _stepping(run, step, origin, times) for step in steps}
+        self._trials = {step: record.sample(ensemble, chosen) for step in steps}
+        self._stretch = int(np.lcm.reduce(steps))
+        first = self._trials[steps[-1]]
+        self._lon, self._lat, self._release = first.lon.to_numpy(), first.lat.to_numpy(), first.release.to_numpy()
+
+    def windows(self) -> Iterator[_Window]:
+        """Yield what each step makes of the sample in each window."""
+        duration, before = self._run.duration, 0
+        count = min(max(-(-duration // WINDOW), 1), WINDOWS)
+        lasting = min(duration / count, WINDOW)
+        for begin in np.linspace(0, duration - lasting, count).astype(int).tolist():
+            if begin > before:
+                self._leap(before, begin)
+            before = begin + math.ceil(lasting)
+            yield self._through(begin, before)
+
+    def _leap(self, begin: int, end: int) -> None:
+        """Take the sample to the next window in one step: it need not be right, but near enough to be typical."""
+        finest = min(self._trials)
+        self._start(finest, begin)
+        low = self._run.start + self._run.direction * (begin if self._run.direction > 0 else end)
+        step = kernel.Step(0, begin, end - begin, self._run.direction)
+        self._scene.advance(self._trials[finest], low, low + end - begin, step)
+        self._afloat(finest)
+
+    def _start(self, step: int, begin: int) -> None:
+        """Put the particles of a trial where the sample is."""
+        trial = self._trials[step]
+        trial.lon.from_numpy(self._lon)
+        trial.lat.from_numpy(self._lat)
+        trial.status.from_numpy(np.where(self._release < begin, Status.ADRIFT, Status.PENDING).astype(np.int32))
+
+    def _afloat(self, step: int) -> None:
+        """Take the sample to where the particles of a trial are, those that are adrift."""
+        trial = self._trials[step]
+        adrift = trial.status.to_numpy() == Status.ADRIFT
+        self._lon = np.where(adrift, trial.lon.to_numpy(), self._lon)
+        self._lat = np.where(adrift, trial.lat.to_numpy(), self._lat)
+
+    def _through(self, begin: int, end: int) -> _Window:
+        """Take the sample through a window [s after the run's start]."""
+        plan = []
+        for size, clock in self._clocks.items():
+            self._start(size, begin)
+            for low, high, step in clock.steps():
+                if (step.elapsed >= begin or begin == 0) and step.elapsed < end:
+                    together = self._run.direction * ((low - self._origin) // self._stretch)
+                    plan.append((together, -size, step.elapsed, low, high, step))
+        inside, bulges = (dict.fromkeys(self._clocks, 0.0) for _ in range(2))
+        awaited: dict[int, tuple[int, int, Array, Array, Array]] = {}  # by half: when and where, by the whole
+        seen: set[tuple[int, int]] = set()
+        for together, minus, _, low, high, step in sorted(plan):
+            size, trial = -minus, self._trials[-minus]
+            first = (together, size) not in seen
+            seen.add((together, size))
+            kept = self._scene.advance(trial, low, high, step, keep=first)
+            status = trial.status.to_numpy()
+            if kept is not None:
+                bulges[size] = max(bulges[size], _bulge(kept.bend.to_numpy(), trial.lat.to_numpy(), status))
+                middle = step.elapsed + _half(size)
+                if _half(size) in self._trials and middle < step.elapsed + step.duration:
+                    places = curve.places(trial, (kept.lon, kept.lat), kept.bend, step.elapsed, step.duration, middle)
+                    awaited[_half(size)] = (middle, size, *(x.to_numpy() for x in places), status)
+            if size in awaited and awaited[size][0] == step.elapsed + step.duration:
+                _, whole, lon, lat, other = awaited.pop(size)
+                both = (status == Status.ADRIFT) & (other == Status.ADRIFT)
+                if both.any():
+                    apart = _apart(lon, lat, trial.lon.to_numpy(), trial.lat.to_numpy())[both]
+                    inside[whole] = max(inside[whole], float(np.percentile(apart, 95)))
+        ends = {s: (t.lon.to_numpy(), t.lat.to_numpy(), t.status.to_numpy()) for s, t in self._trials.items()}
+        days = np.maximum(end - np.maximum(self._release, begin), 3600) / DAY
+        self._afloat(min(self._trials))
+        return _Window(ends, days, inside, bulges)
+
+
+def _apart(lon: Array, lat: Array, other_lon: Array, other_lat: Array) -> Array:
+    """Return the distances [m] between places [binary angle], (m,)."""
+    return sphere.distance(*(x * sphere.UNIT for x in (lon, lat, other_lon, other_lat)))
+
+
+def _bulge(bend: Array, lat: Array, status: Array) -> float:
+    """Return by how much the ways of what is adrift depart from their chords at most [m]; bend: (4 m,)."""
+    off = curve.MOST * np.abs(bend).reshape(-1, 2, 2).sum(axis=1) * sphere.UNIT * sphere.RADIUS
+    far = np.hypot(off[:, 0] * np.cos(lat * sphere.UNIT), off[:, 1])
+    return float(far[status == Status.ADRIFT].max(initial=0.0))
 
 
 def _half(step: int) -> int:

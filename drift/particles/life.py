@@ -47,6 +47,11 @@ class Lives:
         left = np.maximum(begin, self.release)
         return np.where(self.moving < finish, np.maximum(left, self.moving), left), finish
 
+    def share(self, begin: int, end: int, time: int) -> Array:
+        """Return the share of its way between two times of the step that each particle has gone by a time, 0 to 1."""
+        left, finish = self.way(begin, end)
+        return np.asarray(np.clip((time - left) / np.maximum(finish - left, 1), 0.0, 1.0))
+
 
 def read(ensemble: Ensemble) -> Lives:
     """Return the lives of an ensemble's particles."""

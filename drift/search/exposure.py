@@ -5,7 +5,7 @@ zones. All of it is kept on the device, in columns that go when the sortie is ov
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from drift.motion.forcing import Forcing
-from drift.motion.scene import Begin
+from drift.motion.scene import Begin, straight
 from drift.motion.steer import Helm
 from drift.particles import members as dealt
 from drift.particles.ensemble import Ensemble
@@ -24,6 +24,7 @@ from geo import notation
 from geo.array import Array
 from kernels import batch, runtime, sweep
 from kernels.advance import Step
+from kernels.sweep import Track
 
 Device = Any
 
@@ -150,38 +151,74 @@ class SortieExposure:
         exposed = self.exposed if keep else self.exposed.copy()
         if keep:
             self._seen = last
-        share = np.array([1 / (self.end - self.begin)])
-        times, before, shore = (step.elapsed, step.duration), (begin.lon, begin.lat), self.sortie.ashore
         member = dealt.of(ensemble) if any(way.member is not None for way in self._ways) else None
         for way in self._ways:
-            own, moved = ensemble.batch(way.scenarios), way.marker.where if way.marker else None
-            steered = helm.some(way.scenarios) if helm and begin.helm else None
             chosen = None  # which slots of all, where it is not all of these scenarios
             if member is not None and way.member is not None:
                 chosen = member == way.member
-                own = batch.among(own, chosen)
-            if self._path is not None and self._looks:
-                track = self._path.between(first, last, step.elapsed, moved, self._datum)
-                if track is not None:
-                    sweep.expose(ensemble, own, before, *times, self._kind, track, *self._tables, exposed.adrift, shore)
-                    if steered and begin.helm:
-                        column = exposed.adrift if self._kind == sweep.ABEAM else exposed.under_way
-                        steered.expose(
-                            begin.helm, step, self._kind, track, *self._tables_under_way, self._unit, column,
-                            exposed.passed, shore, chosen,
-                        )  # fmt: skip
-            if self._place is not None and self._ring is not None:
-                track = self._place.between(first, last, step.elapsed, moved, self._datum)
-                apart = exposed.inside is not None
-                inside = exposed.inside if apart else exposed.adrift
-                sweep.expose(ensemble, own, before, *times, sweep.INSIDE, track, self._ring, share, inside, shore)
-                if steered and begin.helm and track is not None:
-                    column = exposed.inside if apart else exposed.under_way
-                    steered.expose(
-                        begin.helm, step, sweep.INSIDE, track, self._ring, share, self._unit, column, exposed.passed, shore,
-                        chosen,
-                    )  # fmt: skip
+            self._expose_adrift(ensemble, begin, step, (first, last), way, chosen, exposed)
+            if helm and begin.helm:
+                self._expose_under_way(helm, begin.helm, step, (first, last), way, chosen, exposed)
         return exposed
+
+    def _tracks(
+        self, first: float, last: float, elapsed: int, way: _Way
+    ) -> Iterator[tuple[int, Track, tuple[Array, Array]]]:
+        """Yield of its path and of its area the kind of exposure, the way between two times, and the area's tables."""
+        moved = way.marker.where if way.marker else None
+        if self._path is not None and self._looks:
+            track = self._path.between(first, last, elapsed, moved, self._datum)
+            if track is not None:
+                yield self._kind, track, self._tables
+        if self._place is not None and self._ring is not None:
+            track = self._place.between(first, last, elapsed, moved, self._datum)
+            if track is not None:
+                yield sweep.INSIDE, track, (self._ring, np.array([1 / (self.end - self.begin)]))
+
+    def _expose_adrift(
+        self,
+        ensemble: Ensemble,
+        begin: Begin,
+        step: Step,
+        span: tuple[float, float],
+        way: _Way,
+        chosen: Array | None,
+        exposed: Exposed,
+    ) -> None:
+        """Add what it does between two times of the step to what is adrift, one straight part after another."""
+        own = ensemble.batch(way.scenarios)
+        if chosen is not None:
+            own = batch.among(own, chosen)
+        for part in straight(ensemble, begin, step, *span):
+            low, high = max(span[0], part.elapsed), min(span[1], part.elapsed + part.duration)
+            for kind, track, tables in self._tracks(low, high, part.elapsed, way):
+                inside = kind == sweep.INSIDE and exposed.inside is not None
+                column = exposed.inside if inside else exposed.adrift
+                sweep.expose(ensemble, own, part, kind, track, *tables, column, self.sortie.ashore)
+
+    def _expose_under_way(
+        self,
+        helm: Helm,
+        kept: Mapping[str, Device],
+        step: Step,
+        span: tuple[float, float],
+        way: _Way,
+        chosen: Array | None,
+        exposed: Exposed,
+    ) -> None:
+        """Add what it does between two times of the step to what is under way."""
+        steered = helm.some(way.scenarios)
+        if not steered:
+            return
+        for kind, track, tables in self._tracks(*span, step.elapsed, way):
+            if kind == sweep.INSIDE:
+                column = exposed.under_way if exposed.inside is None else exposed.inside
+            else:
+                column = exposed.adrift if kind == sweep.ABEAM else exposed.under_way
+                tables = self._tables_under_way
+            steered.expose(
+                kept, step, kind, track, *tables, self._unit, column, exposed.passed, self.sortie.ashore, chosen
+            )
 
     def ready(self, ensemble: Ensemble, steers: bool) -> Exposed:
         """Return what it has done to particles, nothing as yet; steers: whether any of them steer."""

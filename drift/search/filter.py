@@ -192,11 +192,11 @@ class Search:
         self._waiting = [flown for flown in self._waiting if flown.end > time]
         self._observers.over_by(time)
 
-    def stops(self, after: int, until: int) -> list[int]:
-        """Return the times in (after, until] at which something takes effect [s after start]."""
+    def stops(self, after: int, until: int, step: Step | None = None) -> list[int]:
+        """Return the times in (after, until] at which something takes effect [s after start]; step: from one to the other."""
         times = [flown.end for flown in self._waiting] + self._overdue
         times += [time for time, _, _ in self._contacts] + [time for time, _ in self._looks]
-        return sorted({t for t in times if after < t <= until} | self._observers.stops(after, until))
+        return sorted({t for t in times if after < t <= until} | self._observers.stops(after, until, step))
 
     def before(self, elapsed: int, duration: int) -> bool:
         """Take the markers of sorties over a step, for which the forcing is set; return whether any is flown in it."""
@@ -240,7 +240,7 @@ class Search:
         """
         asked = any(when == time and contact.drifter is None for when, _, contact in self._contacts)
         asked |= any(when == time for when, _ in self._looks)
-        if asked or self._observers.stops(time - 1, time):
+        if asked or self._observers.stops(time - 1, time, self._step):
             self._observers.cut(time, place)
         for flown in [f for f in self._waiting if f.end == time]:
             self._fail(flown)

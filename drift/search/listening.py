@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from drift.motion.forcing import Forcing
-from drift.motion.scene import Begin
+from drift.motion.scene import Begin, straight
 from drift.motion.steer import Helm
 from drift.particles.ensemble import Ensemble
 from drift.search import sensor_path
@@ -24,7 +24,8 @@ from geo import notation, sphere
 from geo.array import Array
 from kernels import glimpse, listen, runtime, sweep
 from kernels.advance import Step
-from kernels.listen import Stretch
+from kernels.glimpse import Pods
+from kernels.listen import Laid, Stretch
 
 Device = Any
 
@@ -109,35 +110,41 @@ class Listening:
             self._seen = last
         else:
             exposed = exposed.copy()
-        track = self._path.between(first, last, step.elapsed, None, (0.0, 0.0))
-        if track is None:
-            return exposed
         scenarios, kept = tuple(range(len(ensemble.scenarios))), tuple(exposed.columns.values())
         steered = helm.some(scenarios) if helm and begin.helm else None
-        before, own = (begin.lon, begin.lat), ensemble.batch(helm.adrift if helm else scenarios)
+        if steered and begin.helm:
+            for pods, sonar, stretch in self._stretches(first, last, step.elapsed):
+                if pods is not None:
+                    steered.glimpse(begin.helm, step, stretch, pods, self.sortie.ashore, kept[0])
+                elif sonar is not None:
+                    steered.listen(begin.helm, step, sonar, kept)
+        own = ensemble.batch(helm.adrift if helm else scenarios)
+        if own.last > own.first:
+            for part in straight(ensemble, begin, step, first, last):
+                low, high = max(first, part.elapsed), min(last, part.elapsed + part.duration)
+                for pods, sonar, stretch in self._stretches(low, high, part.elapsed):
+                    if pods is not None:
+                        glimpse.drifting(ensemble, own, part, stretch, pods, self.sortie.ashore, kept[0])
+                    elif sonar is not None:
+                        listen.drifting(ensemble, own, part, sonar, kept)
+        return exposed
+
+    def _stretches(self, first: float, last: float, elapsed: int) -> Iterator[tuple[Pods | None, Laid | None, Stretch]]:
+        """Yield the stretches of its way between two times, each with its table of POD or its sonar; times from `elapsed`."""
+        track = self._path.between(first, last, elapsed, None, (0.0, 0.0))
+        if track is None:
+            return
         for k, seeks in enumerate(track.searching):
             whole = Stretch(*track.time[k : k + 2].tolist(), *_places(track.place, k))
             if isinstance(self._sees, PodGrid):
                 if seeks:
-                    middle = self._middle(whole, step.elapsed)
-                    pods, shore = grid_pod.tables(self._sees, middle, self._lasting), self.sortie.ashore
-                    if steered and begin.helm:
-                        steered.glimpse(begin.helm, step, whole, pods, shore, kept[0])
-                    if own.last > own.first:
-                        glimpse.drifting(
-                            ensemble, own, before, step.elapsed, step.duration, whole, pods, shore, kept[0]
-                        )
+                    yield grid_pod.tables(self._sees, self._middle(whole, elapsed), self._lasting), None, whole
                 continue
-            for stretch, share in self._parts(self._sees, whole, step.elapsed):
-                tables = self._tables(self._sees, stretch, step.elapsed, track.course[4 * k : 4 * k + 4], share)
+            for stretch, share in self._parts(self._sees, whole, elapsed):
+                tables = self._tables(self._sees, stretch, elapsed, track.course[4 * k : 4 * k + 4], share)
                 if not seeks:
                     tables = tables._replace(gains=np.full(1, -math.inf, np.float32))
-                sonar = listen.laid(stretch, tables, self.factors)
-                if steered and begin.helm:
-                    steered.listen(begin.helm, step, sonar, kept)
-                if own.last > own.first:
-                    listen.drifting(ensemble, own, before, step.elapsed, step.duration, sonar, kept)
-        return exposed
+                yield None, listen.laid(stretch, tables, self.factors), stretch
 
     def _parts(self, own: Ear, whole: Stretch, elapsed: int) -> Iterator[tuple[Stretch, float]]:
         """Give a stretch in parts in which the noise hardly changes, each with the share of the whole at its middle."""

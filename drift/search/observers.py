@@ -20,7 +20,7 @@ from drift.search.crossings import Watched
 from drift.search.records import Barrier, Kind, Line, Presence, Sensors
 from geo import notation
 from geo.array import Array
-from kernels import observe, runtime
+from kernels import curve, observe, runtime
 from kernels.advance import Step
 from kernels.observe import Shape, Window
 
@@ -136,9 +136,14 @@ class Observers:
             found.append(Watched(seen.what, stayed.to_numpy(), told.to_numpy()))
         return found
 
-    def stops(self, after: int, until: int) -> set[int]:
-        """Return the times in (after, until] at which one of them begins or is over [s after start]."""
+    def stops(self, after: int, until: int, step: Step | None = None) -> set[int]:
+        """Return the times in (after, until] at which one of them begins or is over [s after start].
+
+        step: that reaches from one to the other; between its straight pieces ways are tied down where one looks on.
+        """
         times = {time for seen in self._waiting for time in (seen.begin, seen.end)}
+        if step is not None and self.looking(until):
+            times |= set(curve.edges(step.elapsed, step.duration, step.pieces)[1:-1])
         return {time for time in times if after < time <= until}
 
     def looking(self, until: int) -> bool:

@@ -23,7 +23,7 @@ SPEED = Column("speed", np.float32, 3.0, "m/s", "toward the north")
 METRES = sphere.RADIUS * sphere.UNIT  # of a unit of latitude
 
 
-def mover(ensemble: Ensemble, group: Group, waters: object, direction: int) -> kernel.Move:
+def mover(ensemble: Ensemble, group: Group, waters: object, direction: int, bend: object) -> kernel.Move:
     """Move particles north at their own speed times the terms: a model without noise, forcing or coast."""
 
     def move(step: kernel.Step) -> None:

@@ -236,7 +236,7 @@ def test_what_refloats_within_a_step_lies_ashore_until_it_does() -> None:
         """A scene in which the particle floats off at 2000 s and goes 16,000 units north."""
 
         def advance(self, ensemble: record.Ensemble, low: int, high: int, step: object, keep: bool = False) -> Begin:
-            begin = Begin(runtime.copy(ensemble.lon), runtime.copy(ensemble.lat), None)
+            begin = Begin(runtime.copy(ensemble.lon), runtime.copy(ensemble.lat), None, runtime.empty(4))
             ensemble.status.fill(int(Status.ADRIFT))
             ensemble.moving_since.fill(2000)
             ensemble.lat.fill(16_000)

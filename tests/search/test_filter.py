@@ -44,6 +44,7 @@ from geo import sphere
 from geo.errors import UserError
 from geo.polyline import Area, Legs
 from kernels import runtime, sweep
+from kernels.curve import Straight
 
 NMI = 1852.0
 METRES = sphere.RADIUS * np.pi / 180  # [m] per degree of latitude
@@ -851,7 +852,8 @@ def test_what_strands_or_goes_adrift_within_a_step_is_where_it_is():
         afloat = runtime.empty(2)  # as a sensor has it that does not see the beach
         for begin, end in itertools.pairwise(cuts):
             track = still.between(begin, end, 0, None, (0.0, 0.0))
-            args = (ensemble, ensemble.batch([0]), before, 0, 3600, sweep.INSIDE, track, ring, np.ones(1))
+            whole = Straight(before, (ensemble.lon, ensemble.lat), 0, 3600)
+            args = (ensemble, ensemble.batch([0]), whole, sweep.INSIDE, track, ring, np.ones(1))
             sweep.expose(*args, exposure)
             sweep.expose(*args, afloat, shore=False)
         # the last tenth of the way lies in the area, and all the time after it
