@@ -198,7 +198,9 @@ def scene_of(case: Case, where: Environment, shore: device_coast.DeviceCoast | N
     """Return the scene of a case's run; close its forcing after it. shore: the coast on the device."""
     sinks = case.spill is not None and any(kind.sinking for kind in case.spill.kinds)
     beach, bias = _beach(case.coast), case.current_error.bias > 0
-    place = advance.Surroundings(domain.binary(where.box), shore, beach, bias, sinks, scheme=case.scheme)
+    place = advance.Surroundings(
+        domain.binary(where.box), shore, beach, bias, sinks, scheme=case.scheme, polar=domain.is_polar(where.box)
+    )
     steering = models.steering(case.scenarios, case.period, case.errors)
     forcing = Forcing(list(where.scenarios), case.direction)
     return Scene(forcing, models.motions(case.errors, case.scenarios), place, steering)

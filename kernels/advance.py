@@ -18,7 +18,7 @@ import taichi as ti
 
 from kernels import batch, bundle, curve, errors, integrate, launch, life, noise, runtime, shore, sphere
 from kernels.batch import Batch
-from kernels.coast import Coast, DeviceCoast, Ints, Reals, open_sea
+from kernels.coast import POLEWARD, Coast, DeviceCoast, Ints, Reals, open_sea
 from kernels.errors import Physics as Physics
 from kernels.features import (
     BIAS,
@@ -31,6 +31,7 @@ from kernels.features import (
     JIBE,
     LAYERS,
     MEMBERS,
+    POLAR,
     REFLOAT,
     RK4,
     SINK,
@@ -42,8 +43,8 @@ from kernels.noise import Purpose
 from kernels.sample import Ranges, Sea, Tiles, members_of
 from kernels.velocity import Drifter, drift
 
-# Longest step accepted [binary angle units], 42 degrees; a longer one, next to a pole, counts as invalid.
-FARTHEST = 5.0e8
+FARTHEST = 5.0e8  # longest step accepted [binary angle units], 42 degrees; a longer one counts as invalid
+LONGEST = 1.0e6  # [m] the same where the domain holds a pole
 
 f32x2 = ti.types.vector(2, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
@@ -190,6 +191,21 @@ def _keep(features: ti.template(), j: ti.i32, held: ti.template(), own: ti.templ
 
 
 @ti.func
+def _carry(features: ti.template(), held: ti.template(), j: ti.i32, turn: f32x2, own: ti.template()):
+    """Carry the errors of particle j of the bundle along its way, on which east and north turn: see sphere.convergence."""
+    i = held.i[0, j]
+    if ti.static(features & ERRORS):
+        current = sphere.carried_on(f32x2(held.errors[0, j], held.errors[1, j]), turn)
+        own.current_error_east[i], own.current_error_north[i] = current[0], current[1]
+        if ti.static(features & WIND):
+            wind = sphere.carried_on(f32x2(held.errors[2, j], held.errors[3, j]), turn)
+            own.wind_error_east[i], own.wind_error_north[i] = wind[0], wind[1]
+    if ti.static(features & BIAS):
+        bias = sphere.carried_on(f32x2(held.bias[0, j], held.bias[1, j]), turn)
+        own.current_bias_east[i], own.current_bias_north[i] = bias[0], bias[1]
+
+
+@ti.func
 def _drifter(features: ti.template(), held: ti.template(), j: ti.i32) -> Drifter:
     """Return what of particle j of the bundle its drift depends on."""
     line = f32x4(0.0)
@@ -222,6 +238,16 @@ def _bend(features: ti.template(), held: ti.template(), j: ti.i32) -> f32x4:
     if ti.static(features & RK4):
         last = f32x2(held.last[0, j], held.last[1, j]) - chord
     return f32x4(first[0], first[1], last[0], last[1])
+
+
+@ti.func
+def _flat(features: ti.template(), bend: f32x4, c: ti.f32) -> f32x4:
+    """Return a bend in binary angle units; c: cosine of the latitude. Where the domain holds a pole it is in metres."""
+    flat = bend
+    if ti.static(features & POLAR):
+        north = ti.f32(1.0 / shore.METRES)
+        flat = f32x4(bend[0] * north / c, bend[1] * north, bend[2] * north / c, bend[3] * north)
+    return flat
 
 
 @ti.func
@@ -306,12 +332,20 @@ def _advance(
         for stage in range(ti.static(len(scheme[0]))):
             entry = integrate.tableau(scheme, stage)
             for j in range(width):
-                way = integrate.lead(
-                    velocity, ti.static(bool(features & REFLOAT)), features, sea, _drifter(features, held, j), _way(held, j),
-                    held.place[0, j], held.place[1, j], held.trig[0, j], held.trig[1, j],
-                    terms.direction * held.dt[0, j], held.begin[0, j] + entry[0] * held.share[0, j], entry,
-                    _off(features, held, j),
-                )  # fmt: skip
+                way = _way(held, j)
+                if ti.static(features & POLAR):
+                    way = integrate.lead_over_pole(
+                        velocity, ti.static(bool(features & REFLOAT)), features, sea, _drifter(features, held, j), way,
+                        held.place[0, j], held.place[1, j], terms.direction * held.dt[0, j],
+                        held.begin[0, j] + entry[0] * held.share[0, j], entry, _off(features, held, j),
+                    )  # fmt: skip
+                else:
+                    way = integrate.lead(
+                        velocity, ti.static(bool(features & REFLOAT)), features, sea, _drifter(features, held, j), way,
+                        held.place[0, j], held.place[1, j], held.trig[0, j], held.trig[1, j],
+                        terms.direction * held.dt[0, j], held.begin[0, j] + entry[0] * held.share[0, j], entry,
+                        _off(features, held, j),
+                    )  # fmt: skip
                 for k in ti.static(range(2)):
                     held.first[k, j] = ti.select(stage == 0, way.last[k], held.first[k, j])
                     held.last[k, j], held.total[k, j] = way.last[k], way.total[k]
@@ -320,19 +354,30 @@ def _advance(
             way = integrate.led(_way(held, j))
             for k in ti.static(range(2)):
                 held.total[k, j] = way[k]
-            if ti.static(features & DIFFUSION):
-                way += errors.walked(f32x2(held.walk[0, j], held.walk[1, j]), held.trig[0, j], held.trig[1, j])
-            near = ti.max(ti.abs(way[0]), ti.abs(way[1])) < FARTHEST
-            for k in ti.static(range(2)):
-                held.move[k, j] = ti.cast(ti.round(ti.select(near, way[k], 0.0)), ti.i32)
-            held.known[0, j] = ti.cast(near & (held.valid[0, j] > 0.5), ti.i32)
+            if ti.static(features & POLAR):
+                if ti.static(features & DIFFUSION):
+                    way += f32x2(held.walk[0, j], held.walk[1, j])
+                near = way.norm() < LONGEST
+                x, y = held.place[0, j], held.place[1, j]
+                x_end, y_end = sphere.exponential(x, y, ti.select(near, way[0], 0.0), ti.select(near, way[1], 0.0))
+                held.move[0, j], held.move[1, j] = x_end - x, y_end - y
+                held.known[0, j] = ti.cast(near & (held.valid[0, j] > 0.5), ti.i32)
+            else:
+                if ti.static(features & DIFFUSION):
+                    way += errors.walked(f32x2(held.walk[0, j], held.walk[1, j]), held.trig[0, j], held.trig[1, j])
+                near = ti.max(ti.abs(way[0]), ti.abs(way[1])) < FARTHEST
+                for k in ti.static(range(2)):
+                    held.move[k, j] = ti.cast(ti.round(ti.select(near, way[k], 0.0)), ti.i32)
+                held.known[0, j] = ti.cast(near & (held.valid[0, j] > 0.5), ti.i32)
             if ti.static(features & COAST):
-                off = curve.bulge(_bend(features, held, j))
+                off = curve.bulge(_flat(features, _bend(features, held, j), held.trig[0, j]))
                 far = shore.is_far(
                     ti.static(bool(features & DIFFUSION)), held.place[0, j], held.place[1, j],
                     held.move[0, j], held.move[1, j], ti.cast(ti.max(off[0], off[1]), ti.i32) + 1,
                     held.trig[0, j], held.variance[0, j], coast,
                 )  # fmt: skip
+                if ti.static(features & POLAR):
+                    far |= ti.min(ti.abs(held.place[1, j]), ti.abs(held.place[1, j] + held.move[1, j])) > POLEWARD
                 held.far[0, j] = ti.cast(far, ti.i32)
         for j in range(width):
             if held.moving[0, j] == 1:
@@ -348,6 +393,8 @@ def _advance(
                         x + ti.cast(0.5 * held.total[0, j], ti.i32),
                         y + ti.cast(0.5 * held.total[1, j], ti.i32),
                     )
+                    if ti.static(features & POLAR):
+                        x_half, y_half = sphere.exponential(x, y, 0.5 * held.total[0, j], 0.5 * held.total[1, j])
                     core.log_weight[i] -= held.dt[0, j] * integrate.divergence(
                         velocity, features, sea, _drifter(features, held, j), x_half, y_half,
                         held.begin[0, j] + 0.5 * held.share[0, j],
@@ -361,17 +408,24 @@ def _advance(
                     if held.far[0, j] == 0:
                         met, x_end, y_end, part, number = shore.meet(
                             ti.static(bool(features & DIFFUSION)), ti.static(bool(features & SLIDE)),
-                            x, y, move_lon, move_lat, curved, held.trig[0, j],
+                            x, y, move_lon, move_lat, _flat(features, curved, held.trig[0, j]), held.trig[0, j],
                             held.variance[0, j], terms.coast0, terms.coast1, slot, step, coast,
                         )  # fmt: skip
                     if ti.static(features & SLIDE):
                         if x_end != x + move_lon or y_end != y + move_lat:
                             known = True  # it slid along the shore: a stage that found no forcing lay inland
+                if ti.static(features & POLAR):
+                    _carry(features, held, j, sphere.convergence(x, y, x_end, y_end), own)
                 if terms.keeps == 1:
                     if met == 1:
                         curved = curve.cut_short(curved, part)
                     elif not known or x_end != x + move_lon or y_end != y + move_lat:  # it slid, or stays
                         curved = f32x4(0.0)
+                    if ti.static(features & POLAR):
+                        turn = sphere.meridian(x, y)
+                        at_first = sphere.carried_back(f32x2(curved[0], curved[1]), turn)
+                        at_last = sphere.carried_back(f32x2(curved[2], curved[3]), turn)
+                        curved = f32x4(at_first[0], at_first[1], at_last[0], at_last[1])
                     for k in ti.static(range(4)):
                         own.bend[4 * i + k] = curved[k]
                 life.ending(core, terms, i, met, number, part, known, x_end, y_end, left, finish, elapsed + duration)
@@ -420,6 +474,7 @@ class Surroundings(NamedTuple):
     # random walk and jibes of its own.
     debris: int = 0
     scheme: str = "rk4"
+    polar: bool = False  # whether the domain holds a pole
 
 
 def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) -> int:
@@ -443,6 +498,7 @@ def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) ->
         | SLIDE * (coastal and place.beach.slides)
         | DIVERGENCE * place.divergence
         | DEBRIS * (place.debris > 0)
+        | POLAR * place.polar
         | LAYERS * any(last - first > 1 for first, last in ranges.values())
     )
 

@@ -174,6 +174,10 @@ def _first(lon, lat, sx, sy, coast: ti.template()):
     return best, struck
 
 
+# Nearer to a pole [binary angle, 84.5 degrees] lies no shore that is reached by sea.
+POLEWARD = 1_008_000_000
+
+
 @ti.func
 def clearance(lon, lat, coast: ti.template()):
     """Return how far a move may lead along each axis [binary angle] without meeting the coast, wherever; 0 where nobody knows.

@@ -9,7 +9,8 @@ the end slopes k1 and k4. With d0 = k1 - M and d1 = k4 - M it departs from the c
 
 It costs no further stage. Where the forcing is linear in time and uniform in space, it is exact.
 
-A `bend` is (d0 lon, d0 lat, d1 lon, d1 lat) [binary angle units].
+A `bend` is (d0 lon, d0 lat, d1 lon, d1 lat) [binary angle units]. Where the domain holds a pole, chords are great circles
+and a bend is (d0 east, d0 north, d1 east, d1 north) [m], carried to the meridian of 0: see kernels.sphere.meridian.
 """
 
 from typing import Any, NamedTuple
@@ -34,6 +35,7 @@ class Straight(NamedTuple):
     after: tuple[Any, Any]
     elapsed: int  # [s] from the run's start to its begin
     duration: int  # [s]
+    polar: bool = False  # whether the domain holds a pole
 
 
 def edges(elapsed: int, duration: int, pieces: int) -> list[int]:
@@ -83,8 +85,35 @@ def slopes(bend: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return a * each[:, 0] - b * each[:, 2], a * each[:, 1] - b * each[:, 3]
 
 
+@ti.func
+def inside(
+    polar: ti.template(), lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32, share: ti.f32, off: f32x2
+) -> f32x2:
+    """Return how far a way has led at a share of it, from (lon, lat) on.
+
+    off: by how much it departs from its chord there. Both are (lon, lat) [binary angle units], in a domain with a pole
+    (east, north) [m].
+    """
+    led = f32x2(ti.cast(to_lon - lon, ti.f32), ti.cast(to_lat - lat, ti.f32)) * share + off
+    if ti.static(polar):
+        led = sphere.offset(lon, lat, to_lon, to_lat) * share + sphere.carried_on(off, sphere.meridian(lon, lat))
+    return led
+
+
+@ti.func
+def moved(polar: ti.template(), lon: ti.i32, lat: ti.i32, way: f32x2):
+    """Return (lon, lat) after a way as `inside` returns it."""
+    x, y = lon, lat
+    if ti.static(polar):
+        x, y = sphere.exponential(lon, lat, way[0], way[1])
+    else:
+        x, y = lon + ti.cast(ti.round(way[0]), ti.i32), lat + ti.cast(ti.round(way[1]), ti.i32)
+    return x, y
+
+
 @ti.kernel
 def _places(
+    polar: ti.template(),
     before_lon: Ints,
     before_lat: Ints,
     lon: Ints,
@@ -109,13 +138,12 @@ def _places(
             x, y = lon[i], lat[i]
         elif share > 0.0:
             off = off_chord(f32x4([bend[4 * i + k] for k in ti.static(range(4))]), share)
-            x += ti.cast(ti.round(ti.cast(lon[i] - x, ti.f32) * share + off[0]), ti.i32)
-            y += ti.cast(ti.round(ti.cast(lat[i] - y, ti.f32) * share + off[1]), ti.i32)
+            x, y = moved(polar, x, y, inside(polar, x, y, lon[i], lat[i], share, off))
         at_lon[i], at_lat[i] = x, y
 
 
 def places(
-    ensemble: Any, before: tuple[Any, Any], bend: Any, elapsed: int, duration: int, time: int
+    ensemble: Any, before: tuple[Any, Any], bend: Any, elapsed: int, duration: int, time: int, polar: bool = False
 ) -> tuple[Any, Any]:
     """Return where drifting particles were at a time inside the step just made, without what chance does inside it.
 
@@ -126,12 +154,25 @@ def places(
         elapsed: begin of the step [s after the run's start].
         duration: of the step [s].
         time: [s after the run's start].
+        polar: whether the domain holds a pole.
 
     Returns:
         lon and lat [binary angle, int32], on the device, shape (n,) each.
     """
     e, at = ensemble, (runtime.empty(ensemble.n, ti.i32), runtime.empty(ensemble.n, ti.i32))
     _places(
-        *before, e.lon, e.lat, bend, e.status, e.release, e.status_since, e.moving_since, elapsed, duration, time, *at
+        polar,
+        *before,
+        e.lon,
+        e.lat,
+        bend,
+        e.status,
+        e.release,
+        e.status_since,
+        e.moving_since,
+        elapsed,
+        duration,
+        time,
+        *at,
     )
     return at

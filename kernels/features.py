@@ -20,5 +20,6 @@ What is not asked for is not compiled.
     DEBRIS,
     LAYERS,
     MEMBERS,
-) = (1 << k for k in range(16))  # LAYERS: a quantity of the forcing has several tiles
+    POLAR,
+) = (1 << k for k in range(17))  # LAYERS: a quantity of the forcing has several tiles; POLAR: the domain holds a pole
 FORCING = {"current": CURRENT, "wind": WIND, "stokes": STOKES}  # terms of kernels.velocity, by quantity

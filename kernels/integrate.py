@@ -10,6 +10,7 @@ depends on; lon, lat [binary angle]; fraction: of the lattice step.
 import taichi as ti
 
 from kernels import sphere
+from kernels.velocity import Drifter
 
 ASIDE = 200.0  # [m] to either side, the distance over which a divergence is measured
 
@@ -18,6 +19,7 @@ MIDPOINT = ((0.0, 1 / 2), (0.0, 1.0))
 CLASSICAL = ((0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6))
 
 f32x2 = ti.types.vector(2, ti.f32)
+f32x4 = ti.types.vector(4, ti.f32)
 
 
 @ti.func
@@ -87,6 +89,43 @@ def lead(
 
 
 @ti.func
+def lead_over_pole(
+    velocity: ti.template(),
+    beached: ti.template(),
+    features: ti.template(),
+    sea: ti.template(),
+    own: ti.template(),
+    way: ti.template(),
+    lon: ti.i32,
+    lat: ti.i32,
+    dt: ti.f32,
+    fraction: ti.f32,
+    entry: f32x2,
+    off: f32x2,
+) -> Way:
+    """Return what `lead` does where meridians meet: stages and errors lie in the plane tangent at the step's begin.
+
+    Displacements are (east, north) [m] there, to which velocities are carried along great circles: by the exponential
+    map the step is that of the scheme, but for the curvature over one step, (20 km / R)^2 / 6 of it at most.
+    """
+    x, y = sphere.exponential(lon, lat, entry[0] * way.last[0], entry[0] * way.last[1])
+    turn = sphere.convergence(lon, lat, x, y)
+    current = sphere.carried_on(f32x2(own.error[0], own.error[1]), turn)
+    wind = sphere.carried_on(f32x2(own.error[2], own.error[3]), turn)
+    there = Drifter(line=own.line, error=f32x4(current[0], current[1], wind[0], wind[1]), member=own.member)
+    r = velocity(features, sea, there, x, y, fraction)
+    here = sphere.carried_back(f32x2(r[0], r[1]), turn)
+    sets_off = way.sets_off
+    if ti.static(beached):
+        first = (entry[0] == 0.0) & ((off[0] != 0.0) | (off[1] != 0.0))
+        stays = first & ((r[2] < 0.5) | (here[0] * off[0] + here[1] * off[1] <= 0.0))
+        sets_off = ti.select(stays, 0.0, sets_off)
+    valid = way.valid * r[2]
+    last = f32x2(ti.select(valid > 0.5, dt * here[0], way.last[0]), ti.select(valid > 0.5, dt * here[1], way.last[1]))
+    return Way(last=last, total=way.total + entry[1] * last, valid=valid, sets_off=sets_off)
+
+
+@ti.func
 def led(way: ti.template()) -> f32x2:
     """Return (dlon, dlat) [binary angle units] of a whole step.
 
@@ -112,7 +151,7 @@ def divergence(
     It is taken by central differences.
     """
     c, s = sphere.cos_lat(lat), sphere.sin_lat(lat)
-    dx = ti.cast(ASIDE / (c * ti.f32(sphere.RADIUS * sphere.UNIT)), ti.i32)
+    dx = ti.cast(ti.min(ASIDE / (c * ti.f32(sphere.RADIUS * sphere.UNIT)), 5.0e8), ti.i32)
     dy = ti.cast(ASIDE / (sphere.RADIUS * sphere.UNIT), ti.i32)
     # The sides are east, west, north and south; east and north count +1, the others -1.
     total, valid, north = 0.0, 1.0, 0.0

@@ -86,6 +86,41 @@ def offset(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.types
     return ti.Vector([x * scale, y * scale])
 
 
+@ti.func
+def convergence(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.types.vector(2, ti.f32):
+    """Return cosine and sine of the angle by which a course turns along the great circle to another position.
+
+    By Napier's analogies, tan(turn / 2) = tan(dlon / 2) sin(mean latitude) / cos(half the difference of latitudes). A
+    vector (east, north) there is `carried_back` to here, or from here `carried_on`, by it.
+    """
+    half_lon, half_lat = (to_lon - lon) >> 1, (to_lat - lat) >> 1
+    s, c = sin_lat(half_lon) * sin_lat(lat + half_lat), cos_lat(half_lon) * cos_lat(half_lat)
+    square = s * s + c * c
+    return ti.Vector([(c * c - s * s) / square, 2.0 * s * c / square])
+
+
+@ti.func
+def meridian(lon: ti.i32, lat: ti.i32) -> ti.types.vector(2, ti.f32):
+    """Return cosine and sine of the convergence from the meridian of 0, as it is at the nearer pole.
+
+    Vectors near a pole that are `carried_back` by it share one frame: that of the plane tangent at the pole.
+    """
+    angle = ti.cast(lon, ti.f32) * ti.f32(UNIT)
+    return ti.Vector([ti.cos(angle), ti.sin(angle) * (1.0 if lat >= 0 else -1.0)])
+
+
+@ti.func
+def carried_back(vector: ti.types.vector(2, ti.f32), turn: ti.types.vector(2, ti.f32)) -> ti.types.vector(2, ti.f32):
+    """Return a vector (east, north) from the far end of a way, as it is at the near end; turn: see `convergence`."""
+    return ti.Vector([vector[0] * turn[0] - vector[1] * turn[1], vector[1] * turn[0] + vector[0] * turn[1]])
+
+
+@ti.func
+def carried_on(vector: ti.types.vector(2, ti.f32), turn: ti.types.vector(2, ti.f32)) -> ti.types.vector(2, ti.f32):
+    """Return a vector (east, north) from the near end of a way, as it is at the far end; turn: see `convergence`."""
+    return ti.Vector([vector[0] * turn[0] + vector[1] * turn[1], vector[1] * turn[0] - vector[0] * turn[1]])
+
+
 NEAR = 0.04  # haversine of the arc below which `offset_near` takes a series: 2,565 km
 
 

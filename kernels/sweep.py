@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels import batch, life, sphere
+from kernels import batch, curve, life, sphere
 from kernels.batch import Batch
 from kernels.coast import Ints, Reals
 from kernels.curve import Straight
@@ -142,6 +142,7 @@ def chance(curve: ti.template(), x: ti.f32) -> ti.f32:
 @ti.kernel
 def _expose(
     kind: ti.template(),
+    polar: ti.template(),
     listed: ti.template(),
     first: ti.i32,
     last: ti.i32,
@@ -183,14 +184,13 @@ def _expose(
             if shore == 0:  # neither on the beach before it refloats nor once it has stranded
                 seen, gone = leaves, moored
             pace = 1.0 / ti.max(moored - leaves, 1.0)
-            x, y = before_lon[i], before_lat[i]
-            dx, dy = ti.cast(lon[i] - x, ti.f32), ti.cast(lat[i] - y, ti.f32)
+            x, y, to_x, to_y = before_lon[i], before_lat[i], lon[i], lat[i]
             total, pieces = 0.0, time.shape[0] - 1
             if ti.max(seen, leaves) <= time[0] and ti.min(moored, gone) >= time[pieces]:  # it moves all the while
-                a = _at(x, y, dx, dy, (time[0] - leaves) * pace, 0, place, trig)
+                a = _at(polar, x, y, to_x, to_y, (time[0] - leaves) * pace, 0, place, trig)
                 far_a = ti.sqrt(a[0] * a[0] + a[1] * a[1])
                 for k in range(pieces):
-                    b = _at(x, y, dx, dy, (time[k + 1] - leaves) * pace, k + 1, place, trig)
+                    b = _at(polar, x, y, to_x, to_y, (time[k + 1] - leaves) * pace, k + 1, place, trig)
                     far_b = ti.sqrt(b[0] * b[0] + b[1] * b[1])
                     if searching[k] == 1:
                         total += piece(
@@ -207,8 +207,8 @@ def _expose(
                             end = leaves
                         elif begin < moored and moored < end:
                             end = moored
-                        a = apart(x, y, dx, dy, leaves, pace, begin, k, time, place, trig)
-                        b = apart(x, y, dx, dy, leaves, pace, end, k, time, place, trig)
+                        a = apart(polar, x, y, to_x, to_y, leaves, pace, begin, k, time, place, trig)
+                        b = apart(polar, x, y, to_x, to_y, leaves, pace, end, k, time, place, trig)
                         far_a, far_b = ti.sqrt(a[0] * a[0] + a[1] * a[1]), ti.sqrt(b[0] * b[0] + b[1] * b[1])
                         last_node = 4 * k + 2 * ti.cast(end == time[k + 1], ti.i32)
                         total += piece(
@@ -264,19 +264,41 @@ def piece(
 
 @ti.func
 def _at(
-    x: ti.i32, y: ti.i32, dx: ti.f32, dy: ti.f32, share: ti.f32, node: ti.i32, place: ti.template(), trig: ti.template()
-) -> f32x2:
+    polar: ti.template(), x: ti.i32, y: ti.i32, to_x: ti.i32, to_y: ti.i32, share: ti.f32, node: ti.i32,
+    place: ti.template(), trig: ti.template(),
+) -> f32x2:  # fmt: skip
     """Return the way [m] from the sensor at a node to a particle at a share of its way."""
-    at_x, at_y = x + ti.cast(ti.round(dx * share), ti.i32), y + ti.cast(ti.round(dy * share), ti.i32)
-    return relative(at_x, at_y, place[2 * node], place[2 * node + 1], trig[2 * node], trig[2 * node + 1])
+    at_x, at_y = _target(polar, x, y, to_x, to_y, share)
+    way = f32x2(0.0)
+    if ti.static(polar):
+        way = _relative_polar(at_x, at_y, place[2 * node], place[2 * node + 1])
+    else:
+        way = relative(at_x, at_y, place[2 * node], place[2 * node + 1], trig[2 * node], trig[2 * node + 1])
+    return way
+
+
+@ti.func
+def _target(polar: ti.template(), x: ti.i32, y: ti.i32, to_x: ti.i32, to_y: ti.i32, share: ti.f32):
+    """Return where a particle is at a share of its way."""
+    at_x, at_y = to_x, to_y
+    if share < 1.0:
+        at_x, at_y = curve.moved(polar, x, y, curve.inside(polar, x, y, to_x, to_y, share, f32x2(0.0)))
+    return at_x, at_y
+
+
+@ti.func
+def _relative_polar(x: ti.i32, y: ti.i32, at_lon: ti.i32, at_lat: ti.i32) -> f32x2:
+    """Return what `relative` does, near a pole: along the great circle, carried to the meridian of 0."""
+    return sphere.carried_back(sphere.offset_near(at_lon, at_lat, x, y), sphere.meridian(at_lon, at_lat))
 
 
 @ti.func
 def apart(
+    polar: ti.template(),
     x: ti.i32,
     y: ti.i32,
-    dx: ti.f32,
-    dy: ti.f32,
+    to_x: ti.i32,
+    to_y: ti.i32,
     leaves: ti.f32,
     pace: ti.f32,
     when: ti.f32,
@@ -291,15 +313,22 @@ def apart(
     """
     share = ti.min(ti.max((when - leaves) * pace, 0.0), 1.0)
     node = k + ti.cast(when == time[k + 1], ti.i32)
-    way = _at(x, y, dx, dy, share, node, place, trig)
+    way = _at(polar, x, y, to_x, to_y, share, node, place, trig)
     if when != time[node]:  # cut by the particle's own times: along the great circle, to second order
         part = (when - time[k]) / (time[k + 1] - time[k])
-        dlon = ti.cast(place[2 * k + 2] - place[2 * k], ti.f32)
-        dlat = ti.cast(place[2 * k + 3] - place[2 * k + 1], ti.f32)
-        at_lon = place[2 * k] + ti.cast(part * dlon, ti.i32)
-        at_lat = place[2 * k + 1] + ti.cast(part * dlat + part * (1.0 - part) * dlon * dlon * trig[2 * k + 1], ti.i32)
-        at_x, at_y = x + ti.cast(ti.round(dx * share), ti.i32), y + ti.cast(ti.round(dy * share), ti.i32)
-        way = relative(at_x, at_y, at_lon, at_lat, trig[2 * k], trig[2 * k + 1])
+        at_x, at_y = _target(polar, x, y, to_x, to_y, share)
+        if ti.static(polar):
+            led = part * sphere.offset_near(place[2 * k], place[2 * k + 1], place[2 * k + 2], place[2 * k + 3])
+            at_lon, at_lat = sphere.exponential(place[2 * k], place[2 * k + 1], led[0], led[1])
+            way = _relative_polar(at_x, at_y, at_lon, at_lat)
+        else:
+            dlon = ti.cast(place[2 * k + 2] - place[2 * k], ti.f32)
+            dlat = ti.cast(place[2 * k + 3] - place[2 * k + 1], ti.f32)
+            at_lon = place[2 * k] + ti.cast(part * dlon, ti.i32)
+            at_lat = place[2 * k + 1] + ti.cast(
+                part * dlat + part * (1.0 - part) * dlon * dlon * trig[2 * k + 1], ti.i32
+            )
+            way = relative(at_x, at_y, at_lon, at_lat, trig[2 * k], trig[2 * k + 1])
     return way
 
 
@@ -339,7 +368,7 @@ def expose(
     """
     e, scale = ensemble, np.asarray(scale, np.float32)
     _expose(
-        kind, own.listed, own.first, own.last, own.slots, e.scenario, *way.before, *way.after, e.status, e.release,
+        kind, way.polar, own.listed, own.first, own.last, own.slots, e.scenario, *way.before, *way.after, e.status, e.release,
         e.status_since, e.moving_since, way.elapsed, way.duration, *track[:-1], np.asarray(table, np.float32), scale.reshape(-1),
         scale.shape[1] if scale.ndim == 2 else 0, scale.shape[-1], exposure, e.n, int(shore),
     )  # fmt: skip

@@ -157,7 +157,8 @@ def backward(
     try:
         shore = device_coast.upload(where.coast) if where.coast else None
         bias, box = spill.current_bias > 0, domain.binary(where.box)
-        place = advance.Surroundings(box, shore, bias=bias, divergence=True, scheme=clock_spec.scheme)
+        polar = domain.is_polar(where.box)
+        place = advance.Surroundings(box, shore, bias=bias, divergence=True, scheme=clock_spec.scheme, polar=polar)
         scene = Scene(forcing, models.motions(spec.errors, spec.scenarios), place)
         clock, _ = step_size.clock_of(backward_spec.period, clock_spec, spec.errors, where.sources, ensemble, scene)
         order = np.flatnonzero(elapsed > 0)[::-1]  # a run backward meets the latest release first

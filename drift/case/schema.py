@@ -103,7 +103,7 @@ class ClockTable(fields.Table):
 
 
 class DomainTable(fields.Table):
-    """The [domain] table as written."""
+    """The [domain] table as written; beyond 89 degrees of latitude it holds the pole and goes all round it."""
 
     west: fields.Longitude
     """Western edge."""

@@ -5,7 +5,6 @@ By default it holds all that anything adrift can reach.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from kernels import advance
 
 FASTEST_CURRENT = 2.5  # [m/s] with which a domain is computed where the case states none
 STRONGEST_WIND = 25.0  # [m/s]
-POLEWARD = 89.0  # [deg] nearer to a pole, east and north lose their meaning, and a particle has left
+POLEWARD = 89.0  # [deg] a domain that reaches beyond holds the pole: there meridians meet
 VAST = 4_000.0  # [deg2] size of a box above which it is worth asking how much of it can be reached at all
 FARTHEST = 7.0  # standard deviations beyond which practically nothing is drawn
 SPREADS = 5.0  # standard deviations of a prior that lie in its box
@@ -31,10 +30,18 @@ SPREADS = 5.0  # standard deviations of a prior that lie in its box
 def bounds(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
     """Return the box outside which a particle of a run has left."""
     box = asked.domain or within_reach(spec)
-    box = replace(box, south=max(box.south, -POLEWARD), north=min(box.north, POLEWARD))
+    if is_polar(box):
+        return Box(
+            -180.0, -90.0 if box.south < -POLEWARD else box.south, 180.0, 90.0 if box.north > POLEWARD else box.north
+        )
     if (box.east - box.west) * (box.north - box.south) > VAST:
         box = _common(box, utmost(spec, asked))
     return box
+
+
+def is_polar(box: Box) -> bool:
+    """Return whether a box reaches so near to a pole that it holds it."""
+    return max(-box.south, box.north) > POLEWARD
 
 
 def binary(box: Box) -> advance.Domain:
@@ -42,6 +49,12 @@ def binary(box: Box) -> advance.Domain:
     west, south = (int(sphere.to_binary(x)) for x in (box.west, box.south))
     width = min(round((box.east - box.west) * sphere.TURN / 360), sphere.TURN - 1)
     return advance.Domain(west, south, width, round((box.north - box.south) * sphere.TURN / 360))
+
+
+def middle(spec: EnsembleSpec) -> tuple[float, float]:
+    """Return the middle (lon, lat) [deg] of where the first scenario begins: near a pole, what is typed is stated for it."""
+    x, y, _ = next(extent for scenario in spec.scenarios for extent in scenario.extents(0.0))
+    return float(sphere.wrap_degrees(np.degrees(np.mean(x)))), float(np.degrees(np.mean(y)))
 
 
 def within_reach(spec: EnsembleSpec) -> Box:
@@ -130,7 +143,7 @@ def around(spec: EnsembleSpec, fastest: float, spreads: float) -> Box:
         spread += spreads * spec.release.release_std
     grown = np.degrees((spread + fastest * spec.period.duration) / sphere.RADIUS)
     x, y = np.degrees(np.concatenate(lon)), np.degrees(np.concatenate(lat))
-    highest = min(float(np.abs(y).max() + grown), POLEWARD)
+    highest = min(float(np.abs(y).max() + grown), POLEWARD)  # what reaches beyond goes all round the pole
     west = float(sphere.wrap_degrees(x.min()))
     tight = Box(west, float(y.min()), west + max(float(np.ptp(x)), 1e-6), float(y.max()))
     return tight.grown(float(grown / np.cos(np.radians(highest))), float(grown))

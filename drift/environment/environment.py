@@ -81,7 +81,10 @@ def open_for(
     reported position lies on land.
     """
     box = domain.bounds(spec, asked)
-    opened = {(source.quantity, source.name): _open(source, box, spec.period, held, common) for source in asked.sources}
+    about = domain.middle(spec) if domain.is_polar(box) else None
+    opened = {
+        (source.quantity, source.name): _open(source, box, spec.period, held, common, about) for source in asked.sources
+    }
     finished = Finished(first=True)  # the step is chosen on what the run then drifts in
     opened = {
         key: source if source.shelf else source.shelved((*key, source.fingerprint, source.grid), finished)
@@ -199,19 +202,25 @@ def hold(asked: EnvironmentSpec, datasets: Mapping[str, Any] | None, place: str)
 
 
 def _open(
-    spec: ForcingSpec, box: Box, period: Period, held: Mapping[str, memory.Held], common: Common | None
+    spec: ForcingSpec,
+    box: Box,
+    period: Period,
+    held: Mapping[str, memory.Held],
+    common: Common | None,
+    about: tuple[float, float] | None,
 ) -> Source:
-    """Return one source, cropped to the box."""
+    """Return one source, cropped to the box; about: see geo.forcing.sources.table."""
     if spec.each:
-        own = [_open(part, box, period, held, common) for part in spec.parts]
+        own = [_open(part, box, period, held, common, about) for part in spec.parts]
         called = _called(spec)
         joined = sources.ensemble([replace(source, label=label) for source, label in zip(own, called, strict=True)])
         return replace(joined, name=spec.name)
     if spec.constant is not None:
-        return sources.constant(spec.quantity, *spec.constant, name=spec.name)
+        return sources.constant(spec.quantity, *spec.constant, name=spec.name, about=about)
     if spec.table is not None:
         table = spec.table
-        return sources.table(spec.quantity, np.array(table.times), table.east, table.north, name=spec.name)
+        times = np.array(table.times)
+        return sources.table(spec.quantity, times, table.east, table.north, name=spec.name, about=about)
     if spec.analytic is not None:
         first, last = period.span
         flow = sources.analytic(spec.quantity, spec.analytic, box, first, last, **spec.parameters)

@@ -76,6 +76,11 @@ def extent(
     lon, lat = [data["mean_lon"].values], [data["mean_lat"].values]
     for contour in forecast.contours:
         if contour.time in times and contour.share == forecast.shares[-1] and not contour.polygon.is_empty:
+            if np.abs(contour.polygon.bounds[1::2]).max() > chart.POLAR:
+                places = shapely.get_coordinates(contour.polygon)
+                lon.append(places[:, 0])
+                lat.append(places[:, 1])
+                continue
             west, south, east, north = _shaded(forecast, contour)
             lon.append(np.array([west, east]))
             lat.append(np.array([south, north]))

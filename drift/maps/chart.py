@@ -1,7 +1,7 @@
 """A chart to draw on: projection, extent, land, graticule, scale bar.
 
-Mercator centred on the chart up to 75 degrees of latitude, else Lambert's azimuthal equal-area projection: both have
-north up in the middle and know no antimeridian. Axes are plain, in projected metres.
+Mercator centred on the chart up to 75 degrees of latitude, else Lambert's azimuthal equal-area projection, near a pole about
+the pole itself: all have north up in the middle and know no antimeridian. Axes are plain, in projected metres.
 """
 
 from collections.abc import Iterable
@@ -24,6 +24,7 @@ from geo.notation import NMI
 
 SEA, LAND, SHORE, INK = "#f4f7f9", "#d8d4c8", "#6b675c", "#1b2733"
 GREY, RED = "#55606b", "#c62828"  # colours of secondary words and of warnings
+POLAR = 88.0  # [deg] of latitude beyond which a chart is centred on the pole
 # [arc minutes] between lines of the graticule
 STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 180, 300, 600, 900, 1800)
 GLOBE = ccrs.Globe(semimajor_axis=sphere.RADIUS, semiminor_axis=sphere.RADIUS, ellipse=None)
@@ -81,6 +82,11 @@ def frame(lon: Array, lat: Array, aspect: float, margin: float = 0.08, least: fl
     middle = (float(lon.min() + lon.max()) / 2, float(lat.min() + lat.max()) / 2)
     if np.abs(lat).max() <= 75 and np.ptp(lon) < 180:
         crs = ccrs.Mercator(central_longitude=middle[0], globe=GLOBE)
+    elif (
+        np.abs(lat).max() > POLAR
+    ):  # in the middle of the longitudes of what may lie all round the pole nothing need lie
+        pole = float(np.copysign(90.0, middle[1]))
+        crs = ccrs.LambertAzimuthalEqualArea(central_longitude=middle[0], central_latitude=pole, globe=GLOBE)
     else:
         crs = ccrs.LambertAzimuthalEqualArea(central_longitude=middle[0], central_latitude=middle[1], globe=GLOBE)
     whole = Frame(crs, middle, (0.0, 1.0), (0.0, 1.0))

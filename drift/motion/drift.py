@@ -96,7 +96,7 @@ def between(
     after = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
     key = inside.seed, inside.moment
     lon, lat = bridge.between(
-        inside.before, after, inside.share, inside.bend, spread, ensemble.places, *key, place.coast
+        inside.before, after, inside.share, inside.bend, spread, ensemble.places, *key, place.coast, place.polar
     )
     return lon, lat
 

@@ -34,6 +34,7 @@ class Begin(NamedTuple):
     lat: Device
     helm: Mapping[str, Device] | None  # the columns of what steers, at the begin of the step; None: nothing does
     bend: Device  # how the way of each departs from its chord: see kernels.curve, float32 (4 n,)
+    polar: bool = False  # whether the domain holds a pole
 
 
 class Kept(NamedTuple):
@@ -65,7 +66,11 @@ class Scene:
             at_helm = helm.keep() if keep else None
             helm.move(step, note=keep)
         moves, bend = self._movers(ensemble, step.direction, keep)
-        begin = Begin(runtime.copy(ensemble.lon), runtime.copy(ensemble.lat), at_helm, bend) if keep else None
+        begin = (
+            Begin(runtime.copy(ensemble.lon), runtime.copy(ensemble.lat), at_helm, bend, self.place.polar)
+            if keep
+            else None
+        )
         for move in moves:
             move(step)
         return begin
@@ -183,8 +188,13 @@ class Scene:
             ensemble.lat.to_numpy() * sphere.UNIT,
         )  # fmt: skip
         off_lon, off_lat = curve.slopes(begin.bend.to_numpy(), lives.share(step.elapsed, end, time))
-        metres = sphere.UNIT * sphere.RADIUS
-        off = off_lon * metres * np.cos(lat * sphere.UNIT), off_lat * metres
+        if begin.polar:
+            turn = np.copysign(lon * sphere.UNIT, lat)
+            cosine, sine = np.cos(turn), np.sin(turn)
+            off = off_lon * cosine + off_lat * sine, off_lat * cosine - off_lon * sine
+        else:
+            metres = sphere.UNIT * sphere.RADIUS
+            off = off_lon * metres * np.cos(lat * sphere.UNIT), off_lat * metres
         moving = (status == Status.ADRIFT) & (finish > left)
         lasting = np.maximum(finish - left, 1)
         east, north = (np.where(moving, (way + more) / lasting, 0.0) for way, more in zip(apart, off, strict=True))
@@ -214,7 +224,7 @@ def straight(ensemble: Ensemble, begin: Begin, step: kernel.Step, first: float, 
         if before is None:
             before = _at(ensemble, begin, step, low)
         after = _at(ensemble, begin, step, high)
-        yield Straight(before, after, low, high - low)
+        yield Straight(before, after, low, high - low, begin.polar)
         before = after
 
 
@@ -225,7 +235,7 @@ def _at(ensemble: Ensemble, begin: Begin, step: kernel.Step, time: int) -> tuple
     if time == step.elapsed + step.duration:
         return ensemble.lon, ensemble.lat
     places: tuple[Device, Device] = curve.places(
-        ensemble, (begin.lon, begin.lat), begin.bend, step.elapsed, step.duration, time
+        ensemble, (begin.lon, begin.lat), begin.bend, step.elapsed, step.duration, time, begin.polar
     )
     return places
 

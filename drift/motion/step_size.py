@@ -10,7 +10,7 @@ import numpy.typing as npt
 from drift.motion.clock import NEVER, Clock, breaks, lattice
 from drift.motion.forcing_error import Errors
 from drift.motion.period import ClockSpec, Period
-from drift.motion.scene import Scene
+from drift.motion.scene import Begin, Scene
 from drift.particles import ensemble as record
 from drift.particles.ensemble import Ensemble
 from drift.particles.status import Status, on_map
@@ -252,10 +252,12 @@ class _March:
             kept = self._scene.advance(trial, low, high, step, keep=first)
             status = trial.status.to_numpy()
             if kept is not None:
-                bulges[size] = max(bulges[size], _bulge(kept.bend.to_numpy(), trial.lat.to_numpy(), status))
+                bulges[size] = max(bulges[size], _bulge(kept, trial.lat.to_numpy(), status))
                 middle = step.elapsed + _half(size)
                 if _half(size) in self._trials and middle < step.elapsed + step.duration:
-                    places = curve.places(trial, (kept.lon, kept.lat), kept.bend, step.elapsed, step.duration, middle)
+                    places = curve.places(
+                        trial, (kept.lon, kept.lat), kept.bend, step.elapsed, step.duration, middle, kept.polar
+                    )
                     awaited[_half(size)] = (middle, size, *(x.to_numpy() for x in places), status)
             if size in awaited and awaited[size][0] == step.elapsed + step.duration:
                 _, whole, lon, lat, other = awaited.pop(size)
@@ -274,11 +276,13 @@ def _apart(lon: Array, lat: Array, other_lon: Array, other_lat: Array) -> Array:
     return sphere.distance(*(x * sphere.UNIT for x in (lon, lat, other_lon, other_lat)))
 
 
-def _bulge(bend: Array, lat: Array, status: Array) -> float:
-    """Return by how much the ways of what is adrift depart from their chords at most [m]; bend: (4 m,)."""
-    off = curve.MOST * np.abs(bend).reshape(-1, 2, 2).sum(axis=1) * sphere.UNIT * sphere.RADIUS
-    far = np.hypot(off[:, 0] * np.cos(lat * sphere.UNIT), off[:, 1])
-    return float(far[status == Status.ADRIFT].max(initial=0.0))
+def _bulge(kept: Begin, lat: Array, status: Array) -> float:
+    """Return by how much the ways of what is adrift depart from their chords at most [m]."""
+    off = curve.MOST * np.abs(kept.bend.to_numpy()).reshape(-1, 2, 2).sum(axis=1)
+    if not kept.polar:
+        off *= sphere.UNIT * sphere.RADIUS
+        off[:, 0] *= np.cos(lat * sphere.UNIT)
+    return float(np.hypot(*off.T)[status == Status.ADRIFT].max(initial=0.0))
 
 
 def _half(step: int) -> int:

@@ -162,18 +162,22 @@ class SortieExposure:
         return exposed
 
     def _tracks(
-        self, first: float, last: float, elapsed: int, way: _Way
+        self, first: float, last: float, elapsed: int, way: _Way, polar: bool = False
     ) -> Iterator[tuple[int, Track, tuple[Array, Array]]]:
         """Yield of its path and of its area the kind of exposure, the way between two times, and the area's tables."""
         moved = way.marker.where if way.marker else None
         if self._path is not None and self._looks:
-            track = self._path.between(first, last, elapsed, moved, self._datum)
+            track = self._path.between(first, last, elapsed, moved, self._datum, polar)
             if track is not None:
                 yield self._kind, track, self._tables
         if self._place is not None and self._ring is not None:
-            track = self._place.between(first, last, elapsed, moved, self._datum)
+            track = self._place.between(first, last, elapsed, moved, self._datum, polar)
             if track is not None:
-                yield sweep.INSIDE, track, (self._ring, np.array([1 / (self.end - self.begin)]))
+                ring = self._ring
+                if polar:
+                    lon, lat = np.radians(self._place.lon[:1]), self._place.lat[:1]
+                    ring = np.stack(sensor_path.at_pole(lon, lat, ring[::2], ring[1::2]), axis=1).reshape(-1)
+                yield sweep.INSIDE, track, (ring, np.array([1 / (self.end - self.begin)]))
 
     def _expose_adrift(
         self,
@@ -191,7 +195,7 @@ class SortieExposure:
             own = batch.among(own, chosen)
         for part in straight(ensemble, begin, step, *span):
             low, high = max(span[0], part.elapsed), min(span[1], part.elapsed + part.duration)
-            for kind, track, tables in self._tracks(low, high, part.elapsed, way):
+            for kind, track, tables in self._tracks(low, high, part.elapsed, way, part.polar):
                 inside = kind == sweep.INSIDE and exposed.inside is not None
                 column = exposed.inside if inside else exposed.adrift
                 sweep.expose(ensemble, own, part, kind, track, *tables, column, self.sortie.ashore)

@@ -22,6 +22,7 @@ Moved = Callable[[Array], tuple[Array, Array]]
 # [m], longest piece of a leg up to 62 degrees N; beyond, pieces are shorter as the tangent of the latitude grows.
 # Past a particle within half a piece its great circle is straight to 0.3 m; while the particle drifts by 1 km, to 2 m.
 PIECE = 50_000.0
+NEAR_POLE = math.radians(85.0)  # beyond this latitude a plane chart takes great circles instead of their second order
 EDGE = 10_000.0  # [m], longest piece of an area's edge: it bulges by less than 4 m up to 60 degrees N
 
 
@@ -37,14 +38,21 @@ class Path:
     leg: Array  # int (k,): number of the leg of which each piece is a part, from 1
 
     def between(
-        self, begin: float, end: float, elapsed: int, moved: Moved | None, datum: tuple[float, float]
+        self,
+        begin: float,
+        end: float,
+        elapsed: int,
+        moved: Moved | None,
+        datum: tuple[float, float],
+        polar: bool = False,
     ) -> Track | None:
         """Return the way from begin to end [s after the run's start], or None if there is none.
 
         It lies within the step from `elapsed` on.
 
         moved: where the marker is that takes it along. The way then lies from the marker as it was laid out from the
-        datum (lon, lat) [deg].
+        datum (lon, lat) [deg]. polar: whether courses are carried to the meridian of 0, as kernels.sweep needs them where the
+        domain holds a pole.
         """
         begin, end = max(begin, float(self.time[0])), min(end, float(self.time[-1]))
         if begin >= end:
@@ -63,6 +71,9 @@ class Path:
             x, y = moved(time)
             apart = sphere.offset(np.radians(datum[0]), np.radians(datum[1]), np.radians(lon), np.radians(lat))
             lon, lat = (np.degrees(angle) for angle in sphere.destination(x, y, *apart))
+        if polar:
+            each = np.radians(np.stack([lon[:-1], lon[1:]], axis=1)), np.stack([lat[:-1], lat[1:]], axis=1)
+            course = np.stack(at_pole(*each, *course.reshape(-1, 2, 2).transpose(2, 0, 1)), axis=-1).reshape(-1, 4)
         place = np.stack([sphere.to_binary(lon), sphere.to_binary(lat)], axis=1)
         turned = np.radians(lat)
         trig = np.stack([np.cos(turned), 0.25 * sphere.UNIT * np.sin(2 * turned)], axis=1)
@@ -88,6 +99,20 @@ class Path:
             for nodes, inner in zip((self.lon, self.lat), between, strict=True)
         )
         return first, last
+
+
+def at_pole(lon: Array, lat: Array, east: Array, north: Array) -> tuple[Array, Array]:
+    """Return vectors at places near a pole, carried to the meridian of 0: see kernels.sphere.meridian.
+
+    Args:
+        lon: of the places [rad].
+        lat: of the places; its sign says which pole.
+        east: of the vectors there.
+        north: of the vectors there.
+    """
+    turn = np.copysign(lon, lat)
+    cosine, sine = np.cos(turn), np.sin(turn)
+    return east * cosine - north * sine, north * cosine + east * sine
 
 
 def of_legs(legs: Legs, start: int) -> Path:
@@ -129,6 +154,8 @@ def chart(at_lon: float, at_lat: float, lon: Array, lat: Array) -> tuple[Array, 
     In this plane `kernels.sweep` tells whether they are in a ring.
     """
     apart = lon - at_lon
+    if abs(at_lat) > NEAR_POLE:
+        return sphere.offset(at_lon, at_lat, lon, lat)
     y = lat - at_lat - 0.25 * np.sin(2 * at_lat) * apart**2
     return apart * np.cos(at_lat) * sphere.RADIUS, y * sphere.RADIUS
 

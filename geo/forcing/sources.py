@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from geo import notation
 from geo.box import Box
 from geo.errors import UserError
 from geo.files import address, dataset
@@ -26,6 +27,7 @@ from geo.forcing.quantity import QUANTITIES
 from geo.grids.grid import Grid
 
 EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)  # the globe in one cell, for fields that are the same everywhere
+ABOUT_POLE = Grid(-180.0, -90.0, 0.5, 180.0, 721, 2)  # between meridians a direction errs by (0.5 degrees)^2 / 8: 1e-5
 MOST_NODES = 1_000_000  # most nodes of a built-in flow's tile
 
 
@@ -185,24 +187,51 @@ def _source(asked: reader.Request, name: str | None, reading: reader.Reading) ->
     return replace(first, others=tuple(replace(first, read=read, label=label) for label, read in reading.others))
 
 
-def constant(quantity: str, east: float, north: float, name: str = "as reported") -> Source:
-    """Return a steady, uniform field [m/s] over the globe."""
-    return _uniform(quantity, np.empty(0, "datetime64[s]"), np.array([east]), np.array([north]), name)
+def constant(
+    quantity: str, east: float, north: float, name: str = "as reported", about: tuple[float, float] | None = None
+) -> Source:
+    """Return a steady, uniform field [m/s] over the globe; about: see `table`."""
+    return _uniform(quantity, np.empty(0, "datetime64[s]"), np.array([east]), np.array([north]), name, about)
 
 
-def table(quantity: str, times: ArrayLike, east: ArrayLike, north: ArrayLike, name: str = "as reported") -> Source:
-    """Return a uniform field over the globe that changes in time: times (nt,), east and north [m/s] (nt,)."""
+def table(
+    quantity: str,
+    times: ArrayLike,
+    east: ArrayLike,
+    north: ArrayLike,
+    name: str = "as reported",
+    about: tuple[float, float] | None = None,
+) -> Source:
+    """Return a uniform field over the globe that changes in time.
+
+    Args:
+        quantity: of the forcing.
+        times: UTC, ascending, shape (nt,).
+        east: component [m/s], shape (nt,).
+        north: component [m/s], shape (nt,).
+        name: of the source.
+        about: the place (lon, lat) [deg] for which the field is stated, where the domain holds a pole: then the field has one
+            direction in the plane of the pole, and not one to true north, which there turns from place to place.
+
+    Raises:
+        UserError: the table is too short, or its times do not increase.
+    """
     when = np.asarray(times).astype("datetime64[s]").reshape(-1)
     u, v = np.asarray(east, float).reshape(-1), np.asarray(north, float).reshape(-1)
     if not len(when) == len(u) == len(v) or len(when) < 2:
         raise UserError(f"[[{quantity}]] table: {len(when)} times for {len(u)} values; give at least two rows")
     if (np.diff(when) <= np.timedelta64(0, "s")).any():
         raise UserError(f"[[{quantity}]] table: times must increase")
-    return _uniform(quantity, when, u, v, name)
+    return _uniform(quantity, when, u, v, name, about)
 
 
 def _uniform(
-    quantity: str, times: NDArray[np.datetime64], east: NDArray[Any], north: NDArray[Any], name: str
+    quantity: str,
+    times: NDArray[np.datetime64],
+    east: NDArray[Any],
+    north: NDArray[Any],
+    name: str,
+    about: tuple[float, float] | None,
 ) -> Source:
     if not (np.isfinite(east).all() and np.isfinite(north).all()):
         raise UserError(f"[[{quantity}]] {name}: a speed is not a finite number")
@@ -212,9 +241,20 @@ def _uniform(
     def read(i: int) -> NDArray[np.float32]:
         return np.ascontiguousarray(np.broadcast_to(values[i], (2, 2, 2)))
 
+    def read_about(i: int) -> NDArray[np.float32]:
+        assert about is not None
+        turn = np.radians(ABOUT_POLE.lon - about[0]) * np.copysign(1.0, about[1])
+        u, v = values[i].astype(float)
+        row = np.stack((u * np.cos(turn) + v * np.sin(turn), v * np.cos(turn) - u * np.sin(turn)), axis=-1)
+        return np.ascontiguousarray(np.broadcast_to(row.astype(np.float32), (2, *row.shape)))
+
     spoken = " then ".join(as_said(quantity, *vector) for vector in values[:3].tolist())
     rest = f" and {len(values) - 3} more" if len(values) > 3 else ""
-    return Source(quantity, name, EVERYWHERE, times, read, 0.0, (f"the same everywhere: {spoken}{rest}",), digest)
+    note = f"the same everywhere: {spoken}{rest}"
+    if about is None:
+        return Source(quantity, name, EVERYWHERE, times, read, 0.0, (note,), digest)
+    note += f"; near the pole one direction, stated for {notation.position(*about)}"
+    return Source(quantity, name, ABOUT_POLE, times, read_about, 0.0, (note,), digest)
 
 
 def as_said(quantity: str, east: float, north: float) -> str:

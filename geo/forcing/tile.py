@@ -24,13 +24,16 @@ from geo.grids.layout import Axes, Curved, Layout, Plane, Triangles, uniform
 Values = NDArray[np.float32]
 
 
+AGREES = 0.9  # share of the fastest column that the mean vector at a pole has where all columns are the same vector
+
+
 @dataclass(frozen=True)
 class Tile:
     """How the two components of a source become vectors on a regular grid.
 
     components, layouts: the two components and their points; matrices: their weights, None where taken as they are.
     directions: (nlat, columns, 4) unit vectors of the components' axes, None where they are east and north;
-    dry: points whose zeros are land, per component; beyond: (nlat,) rows poleward of 89 degrees.
+    dry: points whose zeros are land, per component.
     """
 
     grid: Grid
@@ -39,7 +42,6 @@ class Tile:
     matrices: tuple[sp.csr_matrix, sp.csr_matrix] | None
     directions: NDArray[np.float32] | None
     dry: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None
-    beyond: NDArray[np.bool_] | None
     notes: tuple[str, ...]
 
 
@@ -78,12 +80,7 @@ def make(components: tuple[Component, Component], layouts: tuple[Layout, Layout]
         if not _together(first, second):
             notes.append("the components stand at different points (a staggered grid): each is carried from its own")
     directions = _directions(grid, layouts, matrices, axes, notes)
-    beyond = np.abs(grid.lat) > target.POLEWARD + 1e-9
-    if beyond.any():
-        notes.append(
-            f"{int(beyond.sum())} rows poleward of 89 degrees are missing: east and north have no meaning there"
-        )
-    return Tile(grid, components, layouts, matrices, directions, None, beyond if beyond.any() else None, tuple(notes))
+    return Tile(grid, components, layouts, matrices, directions, None, tuple(notes))
 
 
 def domain(tile: Tile) -> NDArray[np.bool_] | None:
@@ -189,16 +186,46 @@ def _carried(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArr
 
 
 def _finished(tile: Tile, x: NDArray[np.float32], y: NDArray[np.float32]) -> Values:
-    """Turn carried components to east and north; missing where either is, and poleward of 89 degrees."""
+    """Turn carried components to east and north; missing where either is."""
     result = np.empty((tile.grid.nlat, tile.grid.nlon, 2), np.float32)
     own = tile.grid.columns
     result[:, :own, 0], result[:, :own, 1] = rotation.turn(x, y, tile.directions)
     if own < tile.grid.nlon:
         result[:, own:] = result[:, :1]
     result[np.isnan(result).any(axis=2)] = np.nan
-    if tile.beyond is not None:
-        result[tile.beyond] = np.nan
+    if tile.grid.seamless:
+        for row, inner in ((0, 1), (-1, -2)):
+            if abs(tile.grid.lat[row]) > 90.0 - 1e-6:
+                result[row] = _at_pole(result[row], result[inner], tile.grid.lon, float(tile.grid.lat[row]))
     return result
+
+
+def _at_pole(own: Values, inner: Values, lon: Array, lat: float) -> Values:
+    """Return the row of a pole, where all columns are one place: one vector, as east and north at each meridian.
+
+    Files write it in several ways. Where a file's own columns do not agree it is the mean of the row before the pole.
+
+    Args:
+        own: east and north [m/s] of the row of the pole, shape (nlon, 2).
+        inner: those of the row before it, shape (nlon, 2).
+        lon: of the columns [deg], shape (nlon,).
+        lat: of the pole, 90 or -90 [deg].
+    """
+    turn = np.radians(lon) * np.sign(lat)
+    cosine, sine = np.cos(turn), np.sin(turn)
+
+    def mean(row: Values) -> Array:
+        """Return the mean vector [m/s] as it is at the meridian of 0."""
+        east, north = row.astype(float).T
+        each = np.stack((east * cosine - north * sine, north * cosine + east * sine), axis=-1)[:-1]
+        known = np.isfinite(each).all(axis=1)
+        return np.asarray(each[known].mean(axis=0) if known.any() else np.full(2, np.nan))
+
+    vector = mean(own)
+    if not np.hypot(*vector) >= AGREES * np.nanmax(np.append(np.hypot(*own.T), 0.0)):
+        vector = mean(inner)
+    east, north = vector
+    return np.stack((east * cosine + north * sine, north * cosine - east * sine), axis=-1).astype(np.float32)
 
 
 def read(tile: Tile, i: int) -> Values:

@@ -14,7 +14,6 @@ from geo.grids.layout import Axes, Curved, Layout, Triangles, uniform
 FINER = 2.0  # times the source's resolution (NorKyst-800: rms error of a component 0.7 %, at its own resolution 1.9 %)
 MOST_NODES = 4_000_000  # most nodes of a tile, which is 32 MB a slice
 POLAR = 75.0  # [deg] beyond this latitude cells may hold a pole
-POLEWARD = 89.0  # [deg] beyond this latitude east and north lose their meaning
 
 
 def choose(layouts: Sequence[Layout], box: Box | None) -> tuple[Grid, bool]:
@@ -33,7 +32,7 @@ def choose(layouts: Sequence[Layout], box: Box | None) -> tuple[Grid, bool]:
         finite = np.isfinite(lon) & np.isfinite(lat)
         lon, lat = lon[finite], lat[finite]
         low, high = _latitudes(first, lat)
-        south, north = max(low, -POLEWARD), min(high, POLEWARD)
+        south, north = low, high
         if box is not None:
             south, north = max(south, box.south - 2 * step), min(north, box.north + 2 * step)
         nearest_equator = 0.0 if south < 0 < north else min(abs(south), abs(north))

@@ -277,13 +277,22 @@ def test_antimeridian_inside_a_region(lon: Any, tmp_path: Path) -> None:
             assert share_covered(source.grid, box) == pytest.approx(1.0)
 
 
-def test_poles_are_left_out_and_said(tmp_path: Path) -> None:
+@pytest.mark.parametrize("row", ["vector", "constant", "zero"])
+def test_the_row_of_a_pole_is_one_vector(row: str, tmp_path: Path) -> None:
+    """A uniform flow over the pole; files write the pole's row as that vector, as one number for all columns, or as nothing."""
     lon, lat = np.arange(0.0, 360.0, 5.0), np.arange(-90.0, 90.1, 0.5)
-    source = forcing.open_source("current", written(tmp_path / "a.nc", lon, lat, *ramp(lon, lat)), steady=True)
-    dry = np.isnan(source.read(0)[..., 0])
-    assert dry[np.abs(source.grid.lat) > 89].all()
-    assert not dry[np.abs(source.grid.lat) <= 89].any()
-    assert any("poleward of 89" in note for note in source.notes)
+    turn = np.radians(lon)[None, :] * np.sign(lat)[:, None]
+    u, v = 0.4 * np.cos(turn) - 0.1 * np.sin(turn), -0.1 * np.cos(turn) - 0.4 * np.sin(turn)
+    if row != "vector":
+        for pole in (0, -1):
+            u[pole], v[pole] = (0.4, -0.1) if row == "constant" else (0.0, 0.0)
+    source = forcing.open_source("current", written(tmp_path / "a.nc", lon, lat, u, v), steady=True)
+    values = source.read(0)
+    assert np.isfinite(values).all()
+    for pole, sign in ((0, -1), (-1, 1)):
+        turn = sign * np.radians(source.grid.lon)
+        expected = 0.4 * np.cos(turn) - 0.1 * np.sin(turn), -0.1 * np.cos(turn) - 0.4 * np.sin(turn)
+        np.testing.assert_allclose(values[pole], np.stack(expected, axis=-1), atol=1e-6)
 
 
 def test_single_precision_axes_are_uniform(tmp_path: Path) -> None:
