@@ -15,7 +15,7 @@ from drift import facts, start
 from drift.backtrack import backward
 from drift.backtrack import chapter as backtrack_chapter
 from drift.case.record import Case
-from drift.environment import ambient
+from drift.environment import ambient, environment
 from drift.environment.ambient import Flow
 from drift.environment.environment import Environment
 from drift.forecast import build as forecast_build
@@ -303,6 +303,7 @@ def made(job: Job, run: Ended) -> Result:
         # Maps are of the same worlds: where these are few, one warning is enough.
         few = effective.Count(after.posterior.effective, what="worlds").few
         summary["warnings"] = [*renewal.warnings(after), *([] if few else summary["warnings"])]
+    summary["warnings"] += environment.warnings(where)
     if updates is not None:
         summary |= {"search": search_tables.numbers(updates)}
     if posteriors is not None:

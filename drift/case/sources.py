@@ -12,7 +12,7 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, field_validator, model_validator
@@ -22,6 +22,7 @@ from drift.environment.forcing_spec import ForcingSpec, Report, Slices
 from geo import notation
 from geo.errors import UserError
 from geo.files import fence
+from geo.forcing import epoch
 from geo.forcing.quantity import QUANTITIES
 
 SPEEDS = ("speed", "tide", "sea_breeze", "mean_east", "mean_north")  # parameters of built-in flows that are in m/s
@@ -72,16 +73,47 @@ class TimedVector(Vector):
 
 
 class StatedTimes(fields.Table):
-    """Times in place of a file's own."""
+    """Times in place of a file's own, or how these are meant."""
 
-    start: fields.Time
-    """Time of the first slice."""
-    every: fields.Duration
+    start: fields.Time | None = None
+    """Time of the first slice; with `every`."""
+    every: fields.Duration | None = None
     """Time from slice to slice."""
+    zone: str | None = None
+    """Zone of the file's times, hours ahead of UTC: "-06:00"."""
+    stamp: Literal["start", "middle", "end", "instant"] | None = None
+    """Where in the interval of a mean its time stands; `instant`: a slice is no mean."""
+
+    @field_validator("zone")
+    @classmethod
+    def known(cls, value: str | None) -> str | None:
+        """Refuse a zone that has no meaning."""
+        if value is not None:
+            try:
+                epoch.zone_of(value)
+            except UserError as error:
+                raise ValueError(str(error)) from None
+        return value
+
+    @model_validator(mode="after")
+    def complete(self) -> "StatedTimes":
+        """Refuse a start without an interval, and a zone of times that are not used."""
+        if (self.start is None) != (self.every is None):
+            raise ValueError("start and every go together: the first slice's time, and the time from one to the next")
+        if self.start is None and self.zone is None and self.stamp is None:
+            raise ValueError("give start and every, or zone, or stamp")
+        if self.start is not None and self.zone is not None:
+            raise ValueError("zone is of the file's own times, which start and every replace; leave one out")
+        return self
 
     def stated(self, start: np.datetime64) -> Slices:
         """Return the record, for a case that starts at `start`."""
-        return Slices(units.resolve(self.start, start), np.timedelta64(round(self.every), "s"))
+        return Slices(
+            None if self.start is None else units.resolve(self.start, start),
+            None if self.every is None else np.timedelta64(round(self.every), "s"),
+            self.zone,
+            self.stamp,
+        )
 
 
 def _paths(value: Any) -> Any:

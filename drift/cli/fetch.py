@@ -115,7 +115,7 @@ def _list(own: Path | None) -> Answer:
     from drift.providers import catalogue
 
     known = catalogue.read(own).values()
-    columns = ("name", "quantity", "title", "resolution", "kind", "credentials")
+    columns = ("name", "quantity", "title", "resolution", "stamp", "kind", "credentials")
 
     def show() -> None:
         page = terminal.table(*columns)

@@ -126,6 +126,16 @@ def open_for(
     return Environment(box, tuple(scenarios), shown, coast, land.notes, _members(list(used.values())))
 
 
+def warnings(where: Environment) -> list[str]:
+    """Return what must be doubted of the sources of a run, in words."""
+    return [
+        f'{source.quantity} "{source.name}": {note.removeprefix(sources.DOUBT)}'
+        for source in where.sources
+        for note in source.notes
+        if note.startswith(sources.DOUBT)
+    ]
+
+
 def store(where: Environment, folder: Path | None) -> None:
     """Have the slices of an environment's forcing made once for all processes that see a folder; None: no longer."""
     for source in where.sources:
@@ -227,14 +237,16 @@ def _open(
         return replace(flow, name=spec.name)
     try:
         if common:
-            return common.source(spec, part(box))
-        return sources.open_source(
-            spec.quantity,
-            list(spec.files) if spec.dataset is None else held[spec.dataset],
-            box=part(box),
-            name=spec.name,
-            **source_options(spec),
-        )
+            found = common.source(spec, part(box))
+        else:
+            found = sources.open_source(
+                spec.quantity,
+                list(spec.files) if spec.dataset is None else held[spec.dataset],
+                box=part(box),
+                name=spec.name,
+                **source_options(spec),
+            )
+        return found.without_blank(*period.span)
     except UserError as error:
         reason = str(error)
         if spec.dataset is not None:

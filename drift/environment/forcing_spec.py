@@ -22,10 +22,16 @@ class Report:
 
 @dataclass(frozen=True)
 class Slices:
-    """Times stated by the user: of the first slice, and from one to the next."""
+    """What the user says of times.
 
-    start: np.datetime64  # [s] UTC
-    every: np.timedelta64  # [s]
+    Of the first slice, and from one to the next, in place of a file's own; or how these are meant: their zone, ahead of
+    UTC, and where in the interval of a mean they stand.
+    """
+
+    start: np.datetime64 | None = None  # [s] UTC
+    every: np.timedelta64 | None = None  # [s]
+    zone: str | None = None
+    stamp: str | None = None
 
 
 @dataclass(frozen=True)
@@ -68,7 +74,7 @@ def options(spec: ForcingSpec) -> dict[str, Any]:
     return {
         "variables": spec.variables,
         "units": spec.units,
-        "times": {"start": spec.times.start, "interval": spec.times.every} if spec.times else None,
+        "times": _times(spec.times) if spec.times else None,
         "steady": spec.steady,
         "depth": spec.depth,
         "plausible": spec.plausible,
@@ -76,3 +82,8 @@ def options(spec: ForcingSpec) -> dict[str, Any]:
         "members": spec.members,
         "entries": spec.entries,
     }
+
+
+def _times(said: Slices) -> dict[str, Any]:
+    given = {"start": said.start, "interval": said.every, "zone": said.zone, "stamp": said.stamp}
+    return {key: value for key, value in given.items() if value is not None}

@@ -13,6 +13,7 @@ import platformdirs
 
 from geo.box import Box
 from geo.errors import UserError
+from geo.forcing.averages import STAMPS
 from geo.forcing.quantity import QUANTITIES
 
 PROTOCOLS = ("opendap", "erddap", "grib_filter", "copernicusmarine")
@@ -26,7 +27,8 @@ class Provider:
 
     address: one, or one for each component; variables: east and north; level: of the wanted layer, in the units of
     its axis; first: dimensions of which the first member is taken; days_back, days_ahead: from now; runs: of forecasts
-    that lie in a file for each run and lead time, how these are named.
+    that lie in a file for each run and lead time, how these are named; stamp: "instant", or where in the interval of a mean
+    its time stands, "start", "middle" or "end"; "" where its files must say it.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Provider:
     days_back: float | None = None
     days_ahead: float = 0.0
     resolution: str = ""
+    stamp: str = ""
     area: Box | None = None
     license: str = ""
     credentials: str = "none"
@@ -121,6 +124,8 @@ def _provider(name: str, table: Any) -> Provider:
         raise UserError(f'quantity "{table["quantity"]}" is not known. Allowed: {", ".join(QUANTITIES)}')
     if len(table["variables"]) != 2 or not all(isinstance(one, str) for one in table["variables"]):
         raise UserError("variables must be the names of the east and the north component")
+    if table.get("stamp", "") not in ("", *STAMPS):
+        raise UserError(f'stamp "{table["stamp"]}" is not known. Allowed: {", ".join(STAMPS)}')
     address = table.get("address", ())
     address = (address,) if isinstance(address, str) else tuple(address)
     if table["protocol"] != "copernicusmarine" and len(address) not in (1, 2):

@@ -148,7 +148,7 @@ def _refuse_unread(shipment: Shipment, files: list[Path]) -> None:
     try:
         sources.open_source(
             order.provider.quantity, [str(f) for f in files], variables=_variables(shipment),
-            depth=_depth(order.provider), lenient=True,
+            depth=_depth(order.provider), lenient=True, times=_times(order.provider),
         )  # fmt: skip
     except UserError as error:
         raise UserError(
@@ -168,6 +168,11 @@ def _depth(provider: Provider) -> float | None:
     """Return the depth [m] that the case must name, as it would not pass for the surface."""
     deep = provider.quantity != "wind" and provider.level is not None and abs(provider.level) > level.DEEPEST
     return abs(provider.level) if deep and provider.level is not None else None
+
+
+def _times(provider: Provider) -> dict[str, str] | None:
+    """Return what the case must say of the times of means, whose files may be silent; None of slices at an instant."""
+    return {"stamp": provider.stamp} if provider.stamp in ("start", "middle", "end") else None
 
 
 def _place(part: Path, new: Path) -> None:
@@ -196,6 +201,8 @@ def _tables(out: Path, shipments: Sequence[Shipment]) -> str:
             lines += [f"variables = {{ east = {east}, north = {north} }}"]
         if (depth := _depth(provider)) is not None:
             lines += [f'depth = "{depth:g} m"']
+        if times := _times(provider):
+            lines += [f"times = {{ stamp = {_text(times['stamp'])} }}"]
         lines += [""]
     return "\n".join(lines)
 

@@ -22,6 +22,7 @@ from drift.providers.window import Window
 from geo.errors import UserError
 from geo.files import address, dap
 from geo.files.web import Passing
+from geo.forcing import clock
 from geo.grids import naming
 
 PART = 8_000_000  # [bytes] of values in one part, at least one time
@@ -155,10 +156,9 @@ def _times(data: Header, name: str) -> NDArray[np.datetime64]:
     """Return the times of an axis [s] UTC, shape (n,), ascending."""
     axis = xr.Variable((name,), data.read(name, {}), data.variables[name].attrs)
     try:
-        decoded = xr.decode_cf(xr.Dataset({name: axis}))[name].values
-        times: NDArray[np.datetime64] = np.asarray(decoded).astype("datetime64[s]")
-    except (ValueError, OverflowError, TypeError) as error:
-        raise UserError(f'"{data.address}": its times cannot be read ({str(error).splitlines()[0]})') from None
+        times, _ = clock.decode(xr.Dataset({name: axis}), name)
+    except UserError as error:
+        raise UserError(f'"{data.address}": its times cannot be read ({error})') from None
     if times.size == 0 or (np.diff(times) <= np.timedelta64(0, "s")).any() or np.isnat(times).any():
         raise UserError(f'"{data.address}": its times do not ascend')
     return times
@@ -210,7 +210,13 @@ def _span(field: Field, order: Order) -> tuple[int, int]:
             f"{order.provider.name} has {times[0]}Z to {times[-1]}Z, not all of {order.begin}Z to {order.end}Z: "
             "ask for another span (--from, --to) or provider"
         )
-    return int(np.searchsorted(times, order.begin, "right")) - 1, int(np.searchsorted(times, order.end, "left")) + 1
+    first, last = (
+        int(np.searchsorted(times, order.begin, "right")) - 1,
+        int(np.searchsorted(times, order.end, "left")) + 1,
+    )
+    if order.provider.stamp in ("start", "middle", "end"):  # a mean's middle may lie on the other side of its stamp
+        return max(first - 1, 0), min(last + 1, times.size)
+    return first, last
 
 
 def _said(field: Field) -> list[Any]:
@@ -237,7 +243,8 @@ def _read(field: Field, start: int, stop: int, found: dict[str, xr.Variable]) ->
     data = field.data
     spans: dict[Hashable, tuple[int, int]] = {field.time: (start, stop), field.rows: field.window.rows}
     spans |= {d: (k, k + 1) for d, k in field.level.items()}
-    for name in dict.fromkeys((field.name, *field.places, *map(str, data.variables[field.name].dims))):
+    bounds = str(data.variables[field.time].attrs.get("bounds", ""))
+    for name in dict.fromkeys((field.name, *field.places, *map(str, data.variables[field.name].dims), bounds)):
         if name not in data.variables or name in found:
             continue
         variable = data.variables[name]

@@ -25,6 +25,7 @@ from geo import waiting
 from geo.errors import UserError
 from geo.files import dataset
 from geo.files.web import Passing
+from geo.forcing import clock
 
 PREFIX = ".drift-fetch-"
 LIST = "parts.json"
@@ -162,7 +163,7 @@ def _check(draft: Path, order: Order, part: Part) -> None:
             )
             if time is None or len(fields) < 2:
                 raise Passing(f"a part of {name} came without its times or components")
-            there = xr.decode_cf(xr.Dataset({time: data[time].variable}))[time].values.astype("datetime64[s]")
+            there, _ = clock.decode(xr.Dataset({time: data[time].variable}), str(time))
             if part.times is not None and not np.array_equal(np.atleast_1d(there), part.times):
                 raise Passing(f"a part of {name} came with other times than were asked for")
             for variable in fields:  # read whole: what was cut short shows here

@@ -27,7 +27,7 @@ KEYS = (
     "typeOfFirstFixedSurface:i", "scaleFactorOfFirstFixedSurface:i",
     "scaledValueOfFirstFixedSurface:i", "discipline", "parameterCategory", "parameterNumber", "table2Version",
     "indicatorOfParameter", "validityDate", "validityTime", "dataDate", "dataTime", "number", "perturbationNumber",
-    "derivedForecast",
+    "derivedForecast", "startStep:i", "endStep:i", "stepUnits:i",
 )  # fmt: skip
 GRID_KEYS = (
     "gridType", "Ni", "Nj", "Nx", "Ny", "iScansNegatively", "jScansPositively", "jPointsAreConsecutive",

@@ -56,6 +56,7 @@ UNITS = {
 }  # fmt: skip
 UNROWED = ("sh", "unstructured_grid", "healpix", "triangular_grid")  # types of grid without rows and columns
 COUNTED = ("sigma", "hybrid", "oceanModel", "oceanModelLayer")  # types of level whose value has no unit
+STEP_SECONDS = {0: 60, 1: 3600, 2: 86_400, 10: 10_800, 11: 21_600, 12: 43_200, 13: 1}  # code table 4.4
 POSITIVE_UP = ("height", "altitude")
 
 
@@ -65,7 +66,8 @@ class Field:
 
     name: name of its variable, as far as parameter and type of level decide it; role: (quantity, 0 | 1), None for
     what does not drift anything; kind, level: type of level and its value in the units of UNITS; time, run: valid time
-    and start of the model's run [s since 1970]; grid: type of grid.
+    and start of the model's run [s since 1970]; begin: of the interval of an average, which ends at `time`, else the same
+    as `time`; grid: type of grid.
     """
 
     message: Message
@@ -74,6 +76,7 @@ class Field:
     kind: str
     level: float
     time: int
+    begin: int
     run: int
     member: int
     along_grid: bool
@@ -186,7 +189,9 @@ def _field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
     except decoder.DecodeError as error:
         raise _damaged(message, error) from error
     keys = keys | names[message.product]
+    step = str(keys.get("stepType", "instant"))
     short = str(keys.get("shortName", "unknown"))
+    short = short.removeprefix("avg_") if step == "avg" else short
     role = NAMED.get(short) or (NUMBERED.get(_number(message, keys)) if short in ("unknown", "~") else None)
     if role is not None and short not in NAMED:
         short = CALLED[role[0]][role[1]]
@@ -196,7 +201,6 @@ def _field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
         height = next((h for n, h in HEIGHT_IN_NAME.items() if short in (f"{n}u", f"{n}v")), 10.0)
         kind, level = "heightAboveGround", height
     name = short if kind in UNVALUED or above_ground else f"{short}_{kind}"
-    step = str(keys.get("stepType", "instant"))
     derived = keys.get("derivedForecast")
     drift_role = role
     if step != "instant":
@@ -205,15 +209,23 @@ def _field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
         mean = derived in (0, 1) or keys.get("dataType") == "em"
         name, drift_role = f"{name}_{'mean' if mean else 'spread'}", drift_role if mean else None
     run = _seconds(keys.get("dataDate"), keys.get("dataTime"), message)
+    time = _seconds(keys.get("validityDate"), keys.get("validityTime"), message)
     long_name = str(keys.get("name", short))
     return Field(
-        message, name, drift_role, kind, level,
-        _seconds(keys.get("validityDate"), keys.get("validityTime"), message), run,
+        message, name, drift_role, kind, level, time, time - _averaged(keys, step), run,
         int(keys.get("perturbationNumber", keys.get("number", 0)) or 0),
         _along(message, keys), str(keys.get("gridType", "unknown")),
         long_name if long_name != "unknown" or role is None else f"{'uv'[role[1]]} of {role[0]}",
         str(keys.get("units", "unknown")),
     )  # fmt: skip
+
+
+def _averaged(keys: Mapping[str, Any], step: str) -> int:
+    """Return how long the interval of an average is [s]; 0 of what is none, or does not say so."""
+    begin, end, unit = (keys.get(key) for key in ("startStep", "endStep", "stepUnits"))
+    if step != "avg" or not isinstance(begin, int) or not isinstance(end, int):
+        return 0
+    return max(end - begin, 0) * STEP_SECONDS.get(int(unit or 0), 0)
 
 
 def _along(message: Message, keys: Mapping[str, Any]) -> bool:
@@ -465,10 +477,14 @@ def _decoded(message: bytes) -> Real:
 
 @dataclass(frozen=True)
 class Block:
-    """Messages of one variable over members, times [s since 1970] and levels, shape (members, times, levels)."""
+    """Messages of one variable over members, times [s since 1970] and levels, shape (members, times, levels).
+
+    begins: of the intervals of averages [s since 1970], which end at `times`; else the same as `times`.
+    """
 
     members: list[int]
     times: list[int]
+    begins: list[int]
     levels: list[float]
     messages: "NDArray[np.object_]"
 
@@ -518,7 +534,8 @@ def _blocks(name: str, fields_at: Mapping[tuple[int, float, int], Field]) -> dic
             block = np.empty((len(together), len(times), len(levels)), object)
             for index in np.ndindex(block.shape):
                 block[index] = fields_at[together[index[0]], levels[index[2]], times[index[1]]].message
-            blocks[f"{base}_member{together[0]}" if alone else base] = Block(together, times, levels, block)
+            begins = [fields_at[together[0], levels[0], time].begin for time in times]
+            blocks[f"{base}_member{together[0]}" if alone else base] = Block(together, times, begins, levels, block)
     return blocks
 
 
@@ -541,7 +558,11 @@ def _variable(
         quantity, side = field.role
         attributes |= {"standard_name": STANDARD[quantity][int(field.along_grid)][side], "units": "m s-1"}
     about_time = {"standard_name": "time", "units": "seconds since 1970-01-01"}
-    dims = [_coordinate(variables, "time", np.array(block.times, np.int64), about_time)]
+    if block.begins == block.times:
+        dims = [_coordinate(variables, "time", np.array(block.times, np.int64), about_time)]
+    else:
+        dims = [_time_of_means(variables, block, about_time)]
+        attributes["cell_methods"] = f"{dims[0]}: mean"
     scalars: list[str] = []
     single_level = len(block.levels) == 1
     if field.kind in UNITS or field.kind in COUNTED or not single_level:
@@ -565,6 +586,21 @@ def _variable(
     dims += [d + suffix for d in grid.dims]
     values = indexing.LazilyIndexedArray(Values(fields, orders, grid.shape))
     return xr.Variable(dims, values, attributes)
+
+
+def _time_of_means(variables: dict[str, xr.Variable], block: Block, about: dict[str, str]) -> str:
+    """Return the name of a time axis with bounds; it is added where there is none yet."""
+    ends, bounds = np.array(block.times, np.int64), np.array([block.begins, block.times], np.int64).T
+    number = 1
+    while True:
+        name = f"time_of_means_{number}"
+        if name not in variables:
+            variables[name] = xr.Variable((name,), ends, {**about, "bounds": f"{name}_bounds"})
+            variables[f"{name}_bounds"] = xr.Variable((name, "edge"), bounds)
+            return name
+        if np.array_equal(variables[f"{name}_bounds"].values, bounds):
+            return name
+        number += 1
 
 
 def _coordinate(

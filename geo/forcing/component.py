@@ -1,7 +1,8 @@
 """One component of a vector quantity in one or several files: which slices, where, in what units."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,11 @@ from numpy.typing import NDArray
 
 from geo import notation
 from geo.errors import UserError
-from geo.forcing import clock, level, members, quantities, speed
+from geo.forcing import averages, clock, epoch, level, members, overlap, quantities, runs, speed
 from geo.forcing.kept import Kept
-from geo.grids import locate, naming, ugrid
+from geo.grids import locate, naming, places, planar, ugrid
 from geo.grids.layout import Layout
+from geo.grids.places import Places
 
 HORIZONTAL = ("two", "component", "components", "uv")  # dimensions that hold both components (SCHISM's hvel)
 
@@ -34,6 +36,8 @@ class Wanted:
     depth: float | None  # [m]
     needs_times: bool  # the file's times must be understood
     members: bool | str = False  # a dimension along which members of an ensemble lie may be there; or its name
+    times: Any = None  # what the case says of times
+    steady: bool = False  # the first slice stands for all times
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,9 @@ class Component:
     vouched: bool = False  # the case vouches for its values: none is taken as missing for being large
     kept: Kept | None = None  # slices that stay in memory
     member: str | None = None  # dimension along which members of an ensemble lie; `fixed` says which of them this is
+    places: Places | None = None  # where the grid stands at each slice, if it moves; `layout` is the first of them
     notes: tuple[str, ...] = field(default=())
+    cells: NDArray[np.datetime64] | None = None  # intervals (n, 2) over which slices are means; None: instants
 
 
 def describe_dims(data: xr.Dataset, name: str) -> str:
@@ -68,12 +74,15 @@ def describe_dims(data: xr.Dataset, name: str) -> str:
 
 def gather(wanted: Wanted, files: Sequence[File]) -> Component:
     """Return a component from the files that hold it; raise UserError where they do not go together."""
-    name, quantity, chosen, depth = wanted.name, wanted.quantity, wanted.chosen, wanted.depth
-    notes: list[str] = []
+    name, quantity, depth = wanted.name, wanted.quantity, wanted.depth
+    files, chosen, notes = runs.unrolled(files, name, quantity, wanted.chosen, wanted.times)
+    wanted = replace(wanted, chosen=chosen)
     path, data = files[0]
     lone = [levels.name for levels in level.beside(data, name, quantity)]
     _check_keys(wanted, data, lone)
-    time_name = clock.variable_of(data, list(map(str, data[name].dims)), chosen)
+    time_name = clock.variable_of(
+        data, list(map(str, data[name].dims)), chosen, str(data[name].attrs.get("coordinates", ""))
+    )
     time_dim = str(data[time_name].dims[0]) if time_name and data[time_name].ndim == 1 else None
     if time_dim is None:
         time_dim = next((str(d) for d in data[name].dims if str(d).lower() in {n.lower() for n in clock.NAMES}), None)
@@ -84,28 +93,36 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
         notes += [n for n in _beside(wanted, file) if n not in notes]
     if depth is not None and not lone and not any(level.is_vertical(data, d) for d in fixed):
         notes.append(f"depth = {depth:g} m is not used: {name} has no levels")
+    method = averages.method_of(data, name, time_name, path)
+    _check_method(wanted, method, path)
+    moving = places.of(files, name, dims, chosen, wanted.side, time_dim)
+    if moving is not None:
+        notes.append(f"a grid that moves: {moving.count} places, each slice is read at its own")
     slices: list[Slice] = []
-    stamps: list[NDArray[np.datetime64]] = []
+    stamped: list[_Stamped] = []
     for other_path, other in files:
-        _same_grid(wanted, files[0], (other_path, other), dims)
+        _same_grid(wanted, files[0], (other_path, other), dims, moving is not None)
         _same_units(wanted, files[0], (other_path, other))
         _same_levels(wanted, files[0], (other_path, other), fixed)
         count = int(other.sizes[time_dim]) if time_dim and time_dim in other[name].dims else 1
-        slices += [(other, other_path, time_dim if time_dim in other[name].dims else None, k) for k in range(count)]
-        if not wanted.needs_times:
-            continue
-        when, remarks = _stamps(other, other_path, time_name, quantity, count)
-        notes += [r for r in remarks if r not in notes]
-        stamps.append(when)
+        own = [(other, other_path, time_dim if time_dim in other[name].dims else None, k) for k in range(count)]
+        if wanted.needs_times:
+            one = _stamps(wanted, (other_path, other), time_name, own, method)
+            notes += [r for r in one.notes if r not in notes]
+            stamped.append(one)
+            own = [own[k] for k in one.chosen]
+        slices += own
     if not slices:
         raise UserError(f"{path}: {describe_dims(data, name)} holds no slice; set [[{quantity}]] files")
-    times = None
+    times, cells = None, None
     if wanted.needs_times:
-        times, slices = _in_order(np.concatenate(stamps), slices, quantity)
+        times, slices, cells = _placed(wanted, fixed, stamped, slices, method, notes)
+    elif not wanted.steady:
+        slices = _in_stated_order(files, time_name, slices, notes)
     return Component(
         name, dims, fixed, tuple(slices), times, _factor(wanted, files[0], notes), quantity,
         layout, _mask(data, dims, chosen, notes), chosen.get("mask") in ("none", False), member=member,
-        notes=tuple(notes),
+        places=moving, notes=tuple(notes), cells=cells,
     )  # fmt: skip
 
 
@@ -134,44 +151,129 @@ def _same_levels(wanted: Wanted, first: File, file: File, fixed: Mapping[str, in
             )
 
 
-def _stamps(
-    data: xr.Dataset, path: str, time_name: str | None, quantity: str, count: int
-) -> tuple[NDArray[np.datetime64], list[str]]:
-    """Return the times of a file's slices, which must increase, and remarks; count: of its slices."""
+@dataclass(frozen=True)
+class _Stamped:
+    """The times of a file's slices, rising; their bounds (n, 2), NaT without; which slices they are; and remarks."""
+
+    times: NDArray[np.datetime64]
+    cells: NDArray[np.datetime64]
+    chosen: list[int]
+    notes: list[str]
+
+
+def _check_method(wanted: Wanted, method: averages.Method, path: str) -> None:
+    """Refuse what is no velocity at a time: greatest values, sums, climatologies."""
+    if method.kind in ("", "mean", "point") or clock.stamp(wanted.times) == "instant" or wanted.steady:
+        return
+    if wanted.name in (wanted.chosen.get("east"), wanted.chosen.get("north")) and method.kind != "climatology":
+        return
+    what = "a climatology" if method.kind == "climatology" else f"the {method.kind.replace('_', ' ')} over a time"
+    raise UserError(
+        f'{path}: "{wanted.name}" is {what} ({method.why}), no velocity at a time; name others in [[{wanted.quantity}]] '
+        f'variables = {{ east = ..., north = ... }}, or state [[{wanted.quantity}]] times = {{ stamp = "instant" }} to take '
+        "it as one, or steady = true to hold the first slice constant"
+    )
+
+
+def _stamps(wanted: Wanted, file: File, time_name: str | None, own: list[Slice], method: averages.Method) -> _Stamped:
+    """Return the times of a file's slices; of slices of one time that are the same only the first stays."""
+    quantity, (path, data) = wanted.quantity, file
     if time_name is None:
-        raise UserError(_no_time(path, quantity, count, "has no time"))
+        raise UserError(_no_time(path, quantity, len(own), "has no time"))
+    zone, stamp = clock.zone(wanted.times), clock.stamp(wanted.times)
     try:
-        when, remarks = clock.decode(data, time_name)
-    except UserError as error:
-        raise UserError(_no_time(path, quantity, count, str(error))) from error
-    if (np.diff(when) <= np.timedelta64(0, "s")).any():
-        at = int(np.argmax(np.diff(when) <= np.timedelta64(0, "s")))
+        when, remarks = clock.decode(data, time_name, zone, trim=True)
+    except epoch.ZoneError as error:
         raise UserError(
-            f"{path}: times do not increase: {notation.group(when[at])}, the time of slice {at + 1}, is followed by "
-            f"{notation.group(when[at + 1])}; "
-            f"mend the file or state [[{quantity}]] times"
-        )
-    return when, remarks
+            f'{path}: {error}; state its zone, hours ahead of UTC, with [[{quantity}]] times = {{ zone = "-06:00" }}'
+        ) from error
+    except UserError as error:
+        raise UserError(_no_time(path, quantity, len(own), str(error))) from error
+    bounds, more = None, list[str]()
+    if not stamp and method.kind != "point":
+        try:
+            bounds, more = averages.bounds_of(data, time_name, when, zone)
+        except UserError as error:
+            raise UserError(
+                f'{path}: {error}; state [[{quantity}]] times = {{ stamp = "instant" }} to take times as they stand, or '
+                '"start", "middle" or "end" for means'
+            ) from error
+    cells = averages.joined([bounds], [len(when)])
+    remarks += more
+    chosen = np.argsort(when, kind="stable")
+    if (chosen != np.arange(len(when))).any():
+        falling = (np.diff(when) < np.timedelta64(0, "s")).all()
+        remarks.append(f"times {'fall' if falling else 'are in no order'}: slices are sorted by time")
+    repeated = np.flatnonzero(np.diff(when[chosen]) == np.timedelta64(0, "s")).tolist()
+    for k in repeated:
+        if not _same_values(wanted.name, own[chosen[k]], own[chosen[k + 1]]):
+            raise UserError(
+                f"{path}: slices {chosen[k] + 1} and {chosen[k + 1] + 1} have one time, "
+                f"{notation.group(when[chosen[k]])}, and other values, so that times do not increase; where slices follow "
+                f"each other evenly state [[{quantity}]] times = {{ start = ..., every = ... }}"
+            )
+    if repeated:
+        remarks.append(f"{len(repeated)} slices have the time and the values of another: left out")
+        chosen = np.delete(chosen, [k + 1 for k in repeated])
+    return _Stamped(when[chosen], cells[chosen], chosen.tolist(), remarks)
+
+
+def _same_values(name: str, one: Slice, other: Slice) -> bool:
+    a, b = (np.asarray(data[name].isel({dim: k} if dim else {}).values) for data, _, dim, k in (one, other))
+    return np.array_equal(a, b, equal_nan=True)
+
+
+def _placed(
+    wanted: Wanted,
+    fixed: Mapping[str, int],
+    stamped: Sequence[_Stamped],
+    slices: list[Slice],
+    method: averages.Method,
+    notes: list[str],
+) -> tuple[NDArray[np.datetime64], list[Slice], NDArray[np.datetime64] | None]:
+    """Return the times of the slices of all files, the slices in their order, and the intervals of means.
+
+    notes: remarks on it are appended to this list.
+    """
+    quantity, zone = wanted.quantity, clock.zone(wanted.times)
+    every = np.concatenate([one.cells for one in stamped])
+    bounds = {(id(s[0]), s[3]): cell for s, cell in zip(slices, every, strict=True)}
+    times, slices = _in_order(np.concatenate([one.times for one in stamped]), slices, wanted, fixed, notes)
+    if zone is not None:
+        notes.append(f"times are {zone / 3600:+g} h from UTC, as the case says")
+    key = f"[[{quantity}]] times.stamp"
+    cells = np.array([bounds[id(s[0]), s[3]] for s in slices])
+    times, placed, remarks = averages.place(times, cells, method, clock.stamp(wanted.times), key)
+    notes += remarks
+    return times, slices, placed
+
+
+def _in_stated_order(
+    files: Sequence[File], time_name: str | None, slices: list[Slice], notes: list[str]
+) -> list[Slice]:
+    """Return slices in the order in which their files count them, so that stated times never run backward."""
+    sizes = [sum(s[0] is data for s in slices) for _, data in files]
+    counted = [clock.counts(data, time_name if time_name in data.variables else None) for _, data in files]
+    order = clock.order(counted, sizes)
+    if order is None or (order == np.arange(len(slices))).all():
+        return slices
+    notes.append("slices are taken in the order of the file's own times, not as they stand in it")
+    return [slices[k] for k in order]
 
 
 def _in_order(
-    times: NDArray[np.datetime64], slices: list[Slice], quantity: str
+    times: NDArray[np.datetime64], slices: list[Slice], wanted: Wanted, fixed: Mapping[str, int], notes: list[str]
 ) -> tuple[NDArray[np.datetime64], list[Slice]]:
-    """Return times and slices of all files in order of time; refuse a time that stands in two of them."""
-    order = np.argsort(times, kind="stable")
-    times, slices = times[order], [slices[k] for k in order]
-    same = np.nonzero(np.diff(times) <= np.timedelta64(0, "s"))[0]
-    if len(same):
-        a, b = slices[same[0]][1], slices[same[0] + 1][1]
-        raise UserError(
-            f"{notation.group(times[same[0]])} stands in both {a} and {b}; name one of them in [[{quantity}]] files"
-        )
-    return times, slices
+    """Return times and slices of all files in order of time; notes: remarks on times that several have are appended."""
+    order = overlap.resolved(times, slices, wanted.name, fixed, notes)
+    return times[order], [slices[k] for k in order]
 
 
 def _no_time(path: str, quantity: str, count: int, why: str) -> str:
     keys = f"[[{quantity}]] times = {{ start = ..., every = ... }}"
-    return f"{path}: {why}; state {keys}, or steady = true to hold {'it' if count == 1 else 'the first slice'} constant"
+    if count == 1:
+        return f"{path}: {why}; state steady = true to hold it constant, or of several such files {keys}"
+    return f"{path}: {why}; state {keys}, or steady = true to hold the first slice constant"
 
 
 def _sort_dims(
@@ -220,7 +322,7 @@ def _sort_dims(
             f"{path}: {describe_dims(data, name)} is no field over longitude and latitude; "
             f"set variables = {{ lon = ..., lat = ... }} to those of its points"
         )
-    if horizontal == 2 and lat_last(data, rest):
+    if horizontal == 2 and lat_last(data, rest, chosen):
         rest = rest[::-1]
     return tuple(rest), fixed, member
 
@@ -246,17 +348,33 @@ def _has_axis(data: xr.Dataset, dim: str) -> bool:
     return bool(naming.LON.match(dim) or naming.LAT.match(dim) or dim.lower() in ("x", "y"))
 
 
-def lat_last(data: xr.Dataset, dims: Sequence[str]) -> bool:
-    """Whether a variable is stored (lon, lat) instead of (lat, lon)."""
+def lat_last(data: xr.Dataset, dims: Sequence[str], chosen: Mapping[str, Any] | None = None) -> bool:
+    """Whether a variable is stored (lon, lat) instead of (lat, lon); chosen: the case's names of both."""
+    own = chosen or {}
+    return axis_of(data, dims[0], own) == "x" and axis_of(data, dims[1], own) == "y"
 
-    def says(dim: str, pattern: Any, standard: str, axis: str) -> bool:
-        attributes = data[dim].attrs if dim in data.variables else {}
-        named = str(attributes.get("standard_name", ""))
-        return bool(pattern.match(dim)) or named in (standard, f"projection_{axis}_coordinate", f"grid_{standard}") or (
-            str(attributes.get("axis", "")).lower() == axis
-        ) or dim.lower() == axis  # fmt: skip
 
-    return says(dims[0], naming.LON, "longitude", "x") and says(dims[1], naming.LAT, "latitude", "y")
+def axis_of(data: xr.Dataset, dim: str, chosen: Mapping[str, Any] = MappingProxyType({})) -> str | None:
+    """Return the axis, "x" or "y", that a dimension is; None where nothing says so.
+
+    The case's own coordinates along it say so, else the file's longitudes or latitudes, else projections' and names.
+    """
+    along = {str(n): v.attrs for n, v in data.variables.items() if v.dims == (dim,)}
+    for key, axis in (("lon", "x"), ("lat", "y"), ("x", "x"), ("y", "y")):
+        if chosen.get(key) in along:
+            return axis
+    own = [dim] if dim in along and naming.role(dim, along[dim]) else sorted(along)
+    roles = {naming.role(name, along[name]) for name in own} - {None}
+    if len(roles) == 1:
+        return "x" if roles == {"longitude"} else "y"
+    attributes = along.get(dim, {})
+    standard, axis = (str(attributes.get(key, "")).lower() for key in ("standard_name", "axis"))
+    for letter, pattern, rotated in (("x", naming.LON, "grid_longitude"), ("y", naming.LAT, "grid_latitude")):
+        if standard in (f"projection_{letter}_coordinate", rotated) or axis == letter or dim.lower() == letter:
+            return letter
+        if pattern.match(dim):
+            return letter
+    return None
 
 
 def _unstructured(data: xr.Dataset, name: str, dims: Sequence[str], chosen: Mapping[str, Any]) -> str | None:
@@ -274,14 +392,16 @@ def _unstructured(data: xr.Dataset, name: str, dims: Sequence[str], chosen: Mapp
     if not dims:
         return None
     held: list[bool] = []
-    for pattern, standard in ((naming.LON, "longitude"), (naming.LAT, "latitude")):
+    for standard in ("longitude", "latitude"):
         along = [(str(n), v) for n, v in data.variables.items() if v.dims == (dims[-1],)]
-        held.append(any(pattern.match(n) or v.attrs.get("standard_name") == standard for n, v in along))
+        held.append(any(naming.role(n, v.attrs) == standard for n, v in along))
+    if not all(held) and any(data[x].dims == (dims[-1],) for x, _ in planar.pairs(data, chosen)):
+        return dims[-1]
     return dims[-1] if all(held) else None
 
 
-def _same_grid(wanted: Wanted, first: File, file: File, dims: tuple[str, ...]) -> None:
-    """Refuse a file whose points along a variable's horizontal dimensions are not those of the first."""
+def _same_grid(wanted: Wanted, first: File, file: File, dims: tuple[str, ...], moves: bool) -> None:
+    """Refuse a file whose points along a variable's horizontal dimensions are not those of the first, unless they move."""
     (path, data), (other_path, other) = first, file
     if other is data:
         return
@@ -289,11 +409,12 @@ def _same_grid(wanted: Wanted, first: File, file: File, dims: tuple[str, ...]) -
     for dim in map(str, data[wanted.name].dims):
         if dim in dims and other.sizes.get(dim) != data.sizes[dim]:
             trouble = f"{other.sizes.get(dim)} points along {dim} instead of {data.sizes[dim]}"
-    if not trouble:
+    if not trouble and not moves:
+        flat = {name for pair in planar.pairs(data) for name in pair}
         placing = [
             str(n)
             for n, v in data.variables.items()
-            if (n in dims or naming.LON.match(str(n)) or naming.LAT.match(str(n)))
+            if (n in dims or n in flat or naming.LON.match(str(n)) or naming.LAT.match(str(n)))
             and n in other.variables
             and v.dims
             and set(map(str, v.dims)) <= set(dims)

@@ -14,6 +14,7 @@ from geo.forcing.quantity import QUANTITIES, any_of
 from geo.forcing.sources import Source
 
 ARROWS = "→↗↑↖←↙↓↘"  # from east, counterclockwise, 45 degrees each
+LOOKED_AT = 1000  # slices at most that are looked at for whether they hold anything
 LAND, CALM = "·", "○"
 
 
@@ -41,7 +42,10 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
         if held and quantity not in held:
             continue
         try:
-            understood.append(sources.open_source(quantity, held.get(quantity, listed), lenient=True, **options))
+            found = sources.open_source(quantity, held.get(quantity, listed), lenient=True, **options)
+            if found.times.size <= LOOKED_AT and not any(dataset.remote(path) for path in listed):
+                found = found.without_blank(found.times[0], found.times[-1]) if found.times.size else found
+            understood.append(found)
         except UserError as error:
             errors[quantity] = error
     if not held:
@@ -62,13 +66,14 @@ def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict
     everything = {name: attributes for held in variables.values() for name, attributes in held.items()}
     names: dict[str, set[str]] = {}
     for quantity in QUANTITIES:
-        try:
-            pair = quantities.search(quantity, everything)
-        except UserError:
-            names[quantity] = set(everything)  # several pairs: the refusal that opening gives says which there are
-            continue
-        if pair is not None:
-            names[quantity] = {pair.east, pair.north}
+        for fields in (everything, *variables.values()):  # files may have other names for the same
+            try:
+                pair = quantities.search(quantity, fields)
+            except UserError:
+                names[quantity] = set(everything)  # several pairs: the refusal that opening gives says which there are
+                break
+            if pair is not None:
+                names.setdefault(quantity, set()).update((pair.east, pair.north))
     own = {str(chosen[key]) for key in ("east", "north") if key in chosen}
     names = {quantity: own or wanted for quantity, wanted in names.items()}
     idle = [path for path, held in variables.items() if not any(wanted & held.keys() for wanted in names.values())]
@@ -133,14 +138,17 @@ def sketch(source: Source, width: int = 60, height: int = 22) -> list[str]:
 
 
 def _when(source: Source) -> str:
-    times = source.times
+    times = source.times[1:-1] if source.edges else source.times
     if len(times) == 0:
         return "steady: at all times"
     if len(times) == 1:
         return f"{notation.group(times[0])} only"
     steps = np.unique(np.diff(times).astype("m8[m]").astype(int))
     every = f"every {_span(steps[0])}" if len(steps) == 1 else f"{_span(steps[0])} to {_span(steps[-1])} apart"
-    return f"{notation.group(times[0])} to {notation.group(times[-1])}, {len(times)} slices {every}"
+    held = (
+        f", held from {notation.group(source.times[0])} to {notation.group(source.times[-1])}" if source.edges else ""
+    )
+    return f"{notation.group(times[0])} to {notation.group(times[-1])}, {len(times)} slices {every}{held}"
 
 
 def _span(minutes: int) -> str:

@@ -1,13 +1,13 @@
 """Which level of a variable is read, and whether what it holds there is what things at the surface feel.
 
-A level stands along a dimension, beside the variable as a lone coordinate (its dimension dropped), or only in its
-attributes. Wherever it stands it is read and judged: winds 2 to 20 m above the sea, currents and Stokes drift at most
+A level stands along a dimension, beside the variable as a lone coordinate (its dimension dropped), only in its
+attributes, or only in its name. Wherever it stands it is read and judged: winds 2 to 20 m above the sea, currents and Stokes drift at most
 5 m deep, sigma close to the surface. Nothing else is taken unless the case names it.
 """
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -40,6 +40,22 @@ DECIBAR = 1e4  # [Pa]; of sea water it is a metre of depth to 1 %
 WIND_HEIGHT = 10.0  # [m] the height that leeway is measured against
 HEIGHTS_OF_WIND = (2.0, 20.0)  # [m] a wind at these passes for that at 10 m: the logarithmic profile differs by 15 %
 DEEPEST = 5.0  # [m] to which a current or Stokes drift passes for the surface's
+# Levels in names: UGRD_850mb, u10m, UGRD_0D995sigma; u850, 100u, which state no unit; u_ml, which states no number
+MEASURED = re.compile(r"(?<![\d.])(\d+(?:[.D]\d+)?)_?(hpa|mbar|mb|sigma|m)(?=$|[\W_\d]|above|agl|below)", re.IGNORECASE)
+COUNTED = re.compile(
+    r"^(?:(?:[uv]|[uv]a|[uv]_?wi?nd|wi?nd_?[uv]|[uv]grd|[xy]_?wind|[uv][-_]component_of_wind)_?([1-9]\d{1,3})n?"
+    r"|([1-9]\d{1,3})_?[uv]n?)$",
+    re.IGNORECASE,
+)
+IN_AIR = re.compile(
+    r"(?:^|_)(ml|pl|hl|pbl)(?:$|_)|(model_?level|pressure_?level|hybrid|sigma|isobaric|tropopause|max(?:imum)?_?wind"
+    r"|planetary_?boundary|potential_?vorticity|pvu|isotherm|isentropic)",
+    re.IGNORECASE,
+)
+IN_WATER = re.compile(r"(?:^|_)(bot|bed|bottom|barotropic)(?:$|_)|(bottom|barotropic|sea_?floor)", re.IGNORECASE)
+LEAST_PRESSURE = (
+    250.0  # numbers without a unit from this on count hPa: winds are given to 200 m above ground, and at 250 hPa
+)
 # types of level that have no value
 SURFACES = {"surface", "meansea", "oceansurface", "sea", "sea surface", "mean sea level"}
 
@@ -116,7 +132,7 @@ def beside(data: xr.Dataset, name: str, quantity: str) -> list[Levels]:
             levels.append(_read(other, held.attrs, np.ravel(held.values).astype(np.float64), quantity, True))
     if levels or any(is_vertical(data, d) for d in own):
         return levels
-    stated = of_attributes(variable.attrs, quantity)
+    stated = _stated(name, variable.attrs, quantity)
     return [stated] if stated is not None else []
 
 
@@ -125,12 +141,23 @@ def accept(levels: Levels, name: str, quantity: str, depth: float | None, where:
     return _judge(levels, name, quantity, depth, where)[1]
 
 
-def passes(attributes: Mapping[str, Any], quantity: str) -> bool:
-    """Whether a variable's attributes name a level that lies at the surface."""
-    if str(attributes.get("GRIB_typeOfLevel", "")).lower() in SURFACES:
+def passes(name: str, attributes: Mapping[str, Any], quantity: str) -> bool | None:
+    """Whether a variable's attributes, or else its name, state a level that lies at the surface; None where none do."""
+    if _at_surface(attributes):
         return True
-    levels = of_attributes(attributes, quantity)
-    return levels is not None and _surface(levels, quantity) is not None
+    levels = _stated(name, attributes, quantity)
+    return None if levels is None else _surface(levels, quantity) is not None
+
+
+def _at_surface(attributes: Mapping[str, Any]) -> bool:
+    return str(attributes.get("GRIB_typeOfLevel", "")).lower() in SURFACES
+
+
+def _stated(name: str, attributes: Mapping[str, Any], quantity: str) -> Levels | None:
+    """Return the level that a variable's attributes state, or else its name; None without one, or at the surface."""
+    if _at_surface(attributes):
+        return None
+    return of_attributes(attributes, quantity) or of_name(name, quantity)
 
 
 def same(data: xr.Dataset, other: xr.Dataset, dim: str, index: int) -> bool:
@@ -279,6 +306,27 @@ def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None
             )
         if hit:
             return _read("level", {"units": "m"}, np.array([float(hit[1])]), quantity, True)
+    return None
+
+
+def of_name(name: str, quantity: str) -> Levels | None:
+    """Return the level that the name of a variable states; None where it states none."""
+    in_air = QUANTITIES[quantity].in_air
+    for hit in MEASURED.finditer(name):
+        value, unit = float(hit[1].upper().replace("D", ".")), hit[2]
+        if in_air or unit.lower() == "m":
+            sigma = unit.lower() == "sigma"
+            called, units = ("sigma", "") if sigma else ("level", unit)
+            read = _read(called, {"units": units}, np.array([value]), quantity, True)
+            return replace(read, name="level")
+    counted = COUNTED.match(name) if in_air else None
+    if counted:
+        value = float(counted[1] or counted[2])
+        unit = "hPa" if value >= LEAST_PRESSURE else "m"
+        return _read("level", {"units": unit}, np.array([value]), quantity, True)
+    word = (IN_AIR if in_air else IN_WATER).search(name)
+    if word:
+        return Levels("level", "unknown", np.empty(0), word[1] or word[2], np.empty(0), None, True)
     return None
 
 

@@ -19,6 +19,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from geo.errors import UserError
+from geo.forcing import epoch, validity
 from geo.grids import naming
 
 WHOLE = 2**28  # [bytes] of a variable up to which all of it is hashed; of a larger one SLICES slices, thinned out
@@ -88,9 +89,12 @@ def _encoded(data: xr.Dataset) -> xr.Dataset:
         kept = {k: variable.encoding[k] for k in REFERENCES if isinstance(variable.encoding.get(k), str)}
         aside = sorted(str(c) for c in data[name].coords if c not in data.dims and c != name)
         attributes = {"coordinates": " ".join(aside)} if aside and name in data.data_vars else {}
-        attributes |= kept | variable.attrs
-        if variable.ndim <= 1 and variable.dtype.kind in "MO":
+        attributes |= kept | validity.unpacked(variable.attrs, variable.encoding)
+        if variable.ndim <= 2 and variable.dtype.kind in "MO":  # of bounds and of runs there are two dimensions
             variable, attributes = _numbers(variable, attributes)
+        elif variable.ndim <= 1 and variable.dtype.kind == "m":
+            variable = xr.Variable(variable.dims, variable.values / np.timedelta64(1, "s"))
+            attributes = {**attributes, "units": "seconds"}
         variable.attrs, variable.encoding = attributes, {}
         stored[name] = variable
     return xr.Dataset(stored)
@@ -108,14 +112,53 @@ def _numbers(variable: xr.Variable, attributes: Mapping[Any, Any]) -> tuple[xr.V
     there = np.array([isinstance(d, datetime.datetime | cftime.datetime) and d == d for d in dates.flat], bool)
     if not there.any():
         return variable, dict(attributes)
-    units, kind = EPOCH, "f8"
-    if encoding.get("dtype") == np.float32 and " since " in str(encoding.get("units", "")):
-        # They were stored in single precision, and are again, so that the reader can tell how they were rounded.
-        units, calendar, kind = encoding["units"], encoding.get("calendar", calendar), "f4"
-    numbers: NDArray[Any] = np.full(dates.size, np.nan, kind)
-    numbers[there] = cftime.date2num(dates.reshape(-1)[there], units, calendar)
+    stored = _stored(encoding)
+    single = stored is not None and encoding.get("dtype") == np.float32
+    if stored is None or not (single or stored.misread):
+        units, origin, seconds = EPOCH, EPOCH, 1.0
+    else:  # in single precision too the reader must meet the file's own numbers, to tell how they were rounded
+        units, origin, seconds = stored.units, stored.origin, stored.seconds
+        calendar = encoding.get("calendar", calendar)
+    numbers: NDArray[Any] = np.full(dates.size, np.nan, "f4" if single else "f8")
+    numbers[there] = cftime.date2num(dates.reshape(-1)[there], origin, calendar) / seconds
     said = {**attributes, "units": units, "calendar": calendar}
     return xr.Variable(variable.dims, numbers.reshape(values.shape)), said
+
+
+@dataclass(frozen=True)
+class _Stored:
+    """In what units a file has the dates that xarray decoded.
+
+    origin: what xarray took for their origin; seconds: of their unit; misread: xarray dropped a zone, or took it for
+    something else.
+    """
+
+    units: str
+    origin: str
+    seconds: float
+    misread: bool
+
+
+def _stored(encoding: Mapping[Any, Any]) -> _Stored | None:
+    """Return the units that dates were decoded from; None where nothing says so."""
+    units = str(encoding.get("units", ""))
+    if not epoch.is_shifted(units):
+        return None
+    about = {"units": units, "calendar": encoding.get("calendar", "standard")}
+    try:
+        taken = xr.decode_cf(xr.Dataset({"time": ("time", [0.0], about)}))["time"].values[0]
+        seconds = epoch.parse(units, 0).seconds
+    except (ValueError, OverflowError, TypeError, UserError):
+        return None
+    begin: Any = taken if isinstance(taken, np.datetime64) else np.datetime64(taken.isoformat(), "s")
+    begin = begin.astype("datetime64[s]")
+    right: Any = np.datetime64("NaT", "s")
+    try:
+        own = epoch.parse(units)
+        right = np.datetime64(own.moment.replace(" ", "T"), "s") - np.timedelta64(own.zone, "s")
+    except (ValueError, UserError):
+        pass
+    return _Stored(units, f"seconds since {begin}", seconds, bool(right != begin))
 
 
 def _utc(date: Any) -> Any:

@@ -74,6 +74,7 @@ COMMON: dict[str, tuple[tuple[str, str, str], ...]] = {
 }  # fmt: skip
 # CF's
 MODIFIERS = ("_standard_error", "_number_of_observations", "_status_flag", "_quality_flag", "_detection_minimum")
+GUST = re.compile(r"gust", re.IGNORECASE)  # in names
 PLAIN = {"u", "v"}  # only a `plain` quantity may have such a name without an attribute that says what it is
 
 
@@ -126,7 +127,9 @@ def _best(names: list[str], attributes: Mapping[str, Attributes], quantity: str,
     Those at the surface come first, winds at 10 m, then names in common use.
     """
     if len(names) > 1:
-        names = [n for n in names if level.passes(attributes[n], quantity)] or names
+        stated = {n: level.passes(n, attributes[n], quantity) for n in names}
+        at_surface = [n for n in names if stated[n]]
+        names = at_surface or [n for n in names if stated[n] is None] or names
     if len(names) > 1 and QUANTITIES[quantity].in_air:
         ten = [n for n in names if re.search(r"(?<!\d)10(?!\d)", f"{n} {attributes[n].get('long_name', '')}")]
         names = ten or names
@@ -136,11 +139,16 @@ def _best(names: list[str], attributes: Mapping[str, Attributes], quantity: str,
     return names
 
 
+def _named(variables: Mapping[str, Attributes], key: str, name: str) -> list[str]:
+    """Return the variables with a standard name, but for gusts, which some files call winds."""
+    return [n for n, a in variables.items() if _standard_name(a, key) == name and not GUST.search(n)]
+
+
 def _by_standard_name(quantity: str, variables: Mapping[str, Attributes], key: str) -> Pair | None:
     halves: list[str] = []
     for east_name, north_name, axes in STANDARD[quantity]:
         held = [
-            _best([n for n, a in variables.items() if _standard_name(a, key) == name], variables, quantity, east)
+            _best(_named(variables, key, name), variables, quantity, east)
             for name, east in ((east_name, True), (north_name, False))
         ]
         if not held[0] or not held[1]:
@@ -235,10 +243,15 @@ def _absent(quantity: str, variables: Mapping[str, Attributes], name: str) -> st
         lone = [
             n
             for n, a in variables.items()
-            if (
-                n in components[held] and said(a) in (None, quantity) and (n not in PLAIN or QUANTITIES[quantity].plain)
+            if not GUST.search(n)
+            and (
+                _standard_name(a, "standard_name") in components[held]
+                or (
+                    n in components[held]
+                    and said(a) in (None, quantity)
+                    and (n not in PLAIN or QUANTITIES[quantity].plain)
+                )
             )
-            or _standard_name(a, "standard_name") in components[held]
         ]
         if lone and not any(n in components[lacking] for n in variables):
             return (

@@ -16,7 +16,23 @@ from geo.array import Array
 from geo.box import Box
 from geo.errors import UserError
 from geo.files import dataset
-from geo.forcing import clock, component, ensemble, members, memory, quantities, slices, survey, tile
+from geo.forcing import (
+    alike,
+    averages,
+    blank,
+    clock,
+    component,
+    ensemble,
+    members,
+    memory,
+    nest,
+    quantities,
+    slices,
+    survey,
+    tile,
+    validity,
+    versions,
+)
 from geo.forcing.component import Component
 from geo.forcing.kept import Kept
 from geo.forcing.quantity import QUANTITIES
@@ -42,6 +58,8 @@ class Reading:
         tuple[str, Callable[[int], Values]], ...
     ] = ()  # of an ensemble: what each member but the first is called, and its slices
     label: str = ""  # what the first is called
+    edges: bool = False  # the first and the last time are the edges of means, which hold there
+    blank: Callable[[Sequence[int]], list[int]] | None = None  # which of some slices hold nothing, in any member
 
 
 @dataclass(frozen=True)
@@ -78,6 +96,7 @@ class Opened:
     notes: tuple[str, ...]
     label: str = ""  # what it is called as a member of an ensemble
     others: tuple["Opened", ...] = ()  # the other members of the ensemble of which this is the first
+    edges: bool = False  # the first and the last time are the edges of means, which hold there
 
 
 def read(request: Request, paths: dataset.Paths | memory.Held) -> Reading:
@@ -205,6 +224,7 @@ def _no_members(request: Request, files: list[tuple[str, xr.Dataset]]) -> str:
 def _open(request: Request, paths: dataset.Paths | memory.Held, files: list[tuple[str, xr.Dataset]]) -> Opened:
     q = request.quantity
     notes: list[str] = []
+    files = alike.renamed(q, files, request.variables, notes)
     attributes: dict[str, Mapping[str, Any]] = {}
     for _, data in files:
         for key, variable in data.variables.items():
@@ -223,6 +243,7 @@ def _open(request: Request, paths: dataset.Paths | memory.Held, files: list[tupl
             "them; shown is the first"
         )
     first, second, times = _join(request, first, second, notes)
+    first, second, times, edges = _to_edges(first, second, times)
     notes += first.notes + tuple(n for n in second.notes if n not in first.notes)
     count = 1 if request.steady else len(first.segments)
     whole = survey.of((first, second), count, request.plausible, request.name)
@@ -230,13 +251,15 @@ def _open(request: Request, paths: dataset.Paths | memory.Held, files: list[tupl
         replace(c, fills=fills, vouched=request.plausible)
         for c, fills in zip((first, second), whole.fills, strict=True)
     )
-    return Opened(request, paths, files, pair, (first, second), times, count, whole, tuple(notes))
+    return Opened(request, paths, files, pair, (first, second), times, count, whole, tuple(notes), edges=edges)
 
 
 def cut(opened: Opened, box: Box | None) -> Reading:
     """Return how to read the part of a source that a case needs; its fingerprint is left empty."""
     request, (first, second), whole = replace(opened.request, box=box), opened.components, opened.whole
     wanted = _needed(box)
+    if nest.moves((first, second)):
+        return _cut_nest(opened, request, wanted)
     crops = [layout.crop(c.layout, wanted) for c in (first, second)]
     if crops[0] is None or crops[1] is None:
         raise UserError(_apart(request, first.layout))
@@ -259,7 +282,39 @@ def cut(opened: Opened, box: Box | None) -> Reading:
             (other.label, partial(_slice, replace(regridded, components=other.components))) for other in opened.others
         ),
         opened.label,
+        opened.edges,
+        _blank([regridded, *(replace(regridded, components=other.components) for other in opened.others)]),
     )
+
+
+def _blank(tiles: Sequence[tile.Tile]) -> Callable[[Sequence[int]], list[int]]:
+    """Return what finds blank slices in any of some tiles, and looks at each slice once."""
+    known: dict[int, bool] = {}
+
+    def find(indices: Sequence[int]) -> list[int]:
+        asked = [i for i in indices if i not in known]
+        found = {i for held in tiles for i in blank.find(held, asked, indices)}
+        known.update((i, i in found) for i in asked)
+        return [i for i in indices if known[i]]
+
+    return find
+
+
+def _cut_nest(opened: Opened, request: Request, wanted: Box | None) -> Reading:
+    """Return what `cut` does of a grid that moves."""
+    pair, whole = opened.components, opened.whole
+    held = nest.make(pair, opened.count, opened.pair.axes, wanted, whole.dry)
+    if held is None:
+        raise UserError(_apart(request, pair[0].layout))
+    missing, empty = nest.missing(held)
+    if empty:
+        raise UserError(f"{request.name}: every value is missing; set [[{request.quantity}]] files")
+    return Reading(
+        held.grid, opened.times, partial(nest.read, held), missing, opened.notes + whole.notes + held.notes, "",
+        held.domain,
+        tuple((o.label, partial(nest.read, replace(held, components=o.components))) for o in opened.others),
+        opened.label,
+    )  # fmt: skip
 
 
 def _slice(held: tile.Tile, i: int) -> Values:
@@ -272,6 +327,8 @@ def keep(opened: Opened, box: Box) -> Opened:
     Parts of it that lie inside the box are cut from there. Of an ensemble only the first member's do.
     """
     kept = []
+    if nest.moves(opened.components):
+        return opened
     for component_ in opened.components:
         crop = layout.crop(component_.layout, _needed(box))
         kept.append(component_ if crop is None else replace(component_, kept=Kept(slices.window(crop))))
@@ -290,6 +347,8 @@ def _digest(
     if not isinstance(paths, memory.Held):
         return dataset.fingerprint([p for p, _ in files], [d for _, d in files], extra)
     used = {pair.east, pair.north, *map(str, request.variables.values())}
+    for name in (pair.east, pair.north):
+        used.update(str(files[0][1][name].attrs.get("ancillary_variables", "")).split())
     return memory.fingerprint(files[0][1], used, time, extra)
 
 
@@ -357,7 +416,9 @@ def _components(
         notes.append(f"grid from {os.path.basename(path)}")
     if lent:
         holding = [(p, _with(d, lent)) for p, d in holding]
-    stated = request.steady or request.times is not None
+    holding = [(path, _derived(request, pair, data, notes)) for path, data in holding]
+    holding = alike.aligned(holding, (pair.east, pair.north), request.units, notes)
+    stated = request.steady or clock.replaces(request.times)
     result = []
     for side, name in enumerate((pair.east, pair.north)):
         having = [(path, data) for path, data in holding if name in data.variables]
@@ -370,6 +431,8 @@ def _components(
             request.depth,
             needs_times=not stated,
             members=request.members or request.lenient,
+            times=request.times,
+            steady=request.steady,
         )
         try:
             result.append(component.gather(wanted, having))
@@ -381,6 +444,20 @@ def _components(
                 f"{component.describe_dims(having[0][1], name)}; set variables.lon and variables.lat"
             ) from error
     return result[0], result[1]
+
+
+def _derived(request: Request, pair: quantities.Pair, data: xr.Dataset, notes: list[str]) -> xr.Dataset:
+    """Return a dataset whose components are missing where it says that they are not valid, versions of them joined."""
+    for name in dict.fromkeys((pair.east, pair.north)):
+        if name not in data.variables:
+            continue
+        own: list[str] = []
+        if not request.plausible:
+            data = data.assign({name: validity.apply(data, name, own)})
+        if versions.NAME not in request.variables:
+            data = data.assign({name: versions.joined(data, name, own)})
+        notes += [note for note in own if note not in notes]
+    return data
 
 
 def _with(data: xr.Dataset, lent: Mapping[str, xr.Variable]) -> xr.Dataset:
@@ -402,37 +479,75 @@ def _join(
         if len(first.segments) > 1:
             notes.append(f"steady: the first of {len(first.segments)} slices stands for all times")
         return first, second, none
-    if request.times is not None:
+    if clock.replaces(request.times):
         if len(first.segments) != len(second.segments):
-            raise UserError(f"{request.name}: {first.name} and {second.name} have different numbers of slices")
+            raise UserError(
+                f"{request.name}: {first.name} and {second.name} have different numbers of slices, "
+                f"{len(first.segments)} and {len(second.segments)}; name files of as many in [[{q}]] files"
+            )
         times = clock.stated(request.times, len(first.segments), q)
         if len(times) == 1:
             raise UserError(f"{request.name}: one slice cannot be interpolated in time; set [[{q}]] steady = true")
         notes.append("times as the case states them")
-        return first, second, times
+        return _restamped(request, first, second, times, notes)
     assert first.times is not None
     assert second.times is not None
     times, in_first, in_second = np.intersect1d(first.times, second.times, return_indices=True)
     if len(times) == 0:
-        raise UserError(f"{request.name}: {first.name} and {second.name} have no time in common")
+        raise UserError(
+            f"{request.name}: {first.name} ({_from_to(first.times)}) and {second.name} ({_from_to(second.times)}) have no "
+            f"time in common; name files of the same times in [[{q}]] files"
+        )
     if len(times) < max(len(first.times), len(second.times)):
         notes.append(
             f"{len(times)} times common to {first.name} ({len(first.times)}) and {second.name} ({len(second.times)})"
         )
-        first = replace(first, segments=tuple(first.segments[k] for k in in_first))
-        second = replace(second, segments=tuple(second.segments[k] for k in in_second))
+        first, second = _chosen(first, in_first), _chosen(second, in_second)
     if len(times) == 1:
         if not request.lenient:
             raise UserError(
                 f"{request.name}: one time only, {notation.group(times[0])}, which says nothing of the hours around "
-                f"it; set [[{q}]] steady = true to hold it constant, or times to say when it holds, or name more files"
+                f"it; set [[{q}]] steady = true to hold it constant, or name files of other times in [[{q}]] files"
             )
-        notes.append("one time only: a run needs steady = true or times")
+        notes.append("one time only: a run needs steady = true, or files of other times")
     elif np.median(np.diff(times)) > np.timedelta64(25, "h"):
         notes.append(
             f"slices are {np.median(np.diff(times)).astype('m8[h]').astype(int)} h apart: tides and gusts are lost"
         )
     return first, second, times
+
+
+def _from_to(times: clock.Times) -> str:
+    return f"{notation.group(times[0])} to {notation.group(times[-1])}"
+
+
+def _restamped(
+    request: Request, first: Component, second: Component, times: clock.Times, notes: list[str]
+) -> tuple[Component, Component, clock.Times]:
+    """Return components at the times that a case states, or in the middle of means that it says are stamped so."""
+    stamp = clock.stamp(request.times)
+    if not stamp:
+        return first, second, times
+    none = averages.joined([None], [len(times)])
+    moved, cells, told = averages.place(times, none, averages.Method("", "", ""), stamp, "")
+    notes += told
+    return replace(first, cells=cells), replace(second, cells=cells), moved
+
+
+def _chosen(component_: Component, index: Array) -> Component:
+    """Return a component with some of its slices."""
+    cells = component_.cells if component_.cells is None else component_.cells[index]
+    return replace(component_, segments=tuple(component_.segments[k] for k in index), cells=cells)
+
+
+def _to_edges(
+    first: Component, second: Component, times: clock.Times
+) -> tuple[Component, Component, clock.Times, bool]:
+    """Return components of means with two times more, the edges of their intervals, where the outermost hold."""
+    if first.cells is None or second.cells is None or len(times) < 2:
+        return first, second, times, False
+    times, index = averages.held(times, first.cells)
+    return _chosen(first, index), _chosen(second, index), times, True
 
 
 def _apart(request: Request, item: Layout) -> str:

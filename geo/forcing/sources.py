@@ -28,6 +28,7 @@ from geo.grids.grid import Grid
 
 EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)  # the globe in one cell, for fields that are the same everywhere
 ABOUT_POLE = Grid(-180.0, -90.0, 0.5, 180.0, 721, 2)  # between meridians a direction errs by (0.5 degrees)^2 / 8: 1e-5
+DOUBT = "WARNING: "  # with which a note begins that a user must heed
 MOST_NODES = 1_000_000  # most nodes of a built-in flow's tile
 
 
@@ -42,6 +43,8 @@ class Source:
     fingerprint: a hash of what is read, independent of where it lies;
     domain: (nlat, nlon) nodes inside the source's own grid, None where all are: beyond it no value is missing for land;
     shelf: where slices that are ready to be sampled stay for other forecasts, None: nowhere.
+    edges: whether the first and the last time are the edges of means, which hold there.
+    blank: returns which of some slices hold nothing, None where none can be asked.
     label: what it is called as a member of an ensemble; others: the other members of an ensemble of which this is the
     first, on the same grid, with the same times.
     """
@@ -58,6 +61,8 @@ class Source:
     shelf: Shelf | None = None
     label: str = ""
     others: tuple["Source", ...] = ()
+    edges: bool = False
+    blank: Callable[[Sequence[int]], list[int]] | None = None
 
     @property
     def members(self) -> tuple["Source", ...]:
@@ -70,6 +75,48 @@ class Source:
             replace(other, shelf=Shelf((part, number), finished)) for number, other in enumerate(self.others, 1)
         )
         return replace(self, shelf=Shelf(part, finished), others=others)
+
+    def without_blank(self, first: np.datetime64, last: np.datetime64) -> "Source":
+        """Return it without the slices from one time to another that hold nothing, as if they were absent.
+
+        It says which they are. Where all of them hold nothing it is returned as it is.
+        """
+        if self.blank is None or self.times.size < 3:
+            return self
+        low, high = (int(k) for k in np.searchsorted(self.times, (first, last)))
+        asked, size = range(max(low - 1, 0), min(high + 1, self.times.size)), self.times.size
+        empty = self.blank(asked)
+        while empty and len(empty) < len(asked):  # what is interpolated over them must hold something
+            wider = range(max(asked[0] - (asked[0] in empty), 0), min(asked[-1] + 1 + (asked[-1] in empty), size))
+            if wider == asked:
+                break
+            asked, empty = wider, self.blank(wider)
+        kept = np.delete(np.arange(self.times.size), empty)
+        if not empty or len(empty) == len(asked) or kept.size < 2:
+            return self
+        when = [notation.group(self.times[i]) for i in empty]
+        told = f"{', '.join(when[:4])}{f' and {len(when) - 4} more' if len(when) > 4 else ''}"
+        note = (
+            f"{DOUBT}{'slices' if len(when) > 1 else 'the slice'} of {told} hold{'s' * (len(when) == 1)} no value here"
+        )
+        return replace(
+            self._only(kept, empty),
+            notes=(*self.notes, f"{note}: left out, and interpolated over as if absent"),
+            others=tuple(other._only(kept, empty) for other in self.others),
+        )
+
+    def _only(self, kept: NDArray[np.int64], empty: Sequence[int]) -> "Source":
+        """Return it with some of its slices; empty: the others."""
+        read = self.read
+        shelf = self.shelf and Shelf((self.shelf.part, "without", tuple(empty)), self.shelf.finished)
+        return replace(
+            self,
+            times=self.times[kept],
+            read=lambda i: read(int(kept[i])),
+            shelf=shelf,
+            edges=self.edges and kept[0] == 0 and kept[-1] == self.times.size - 1,
+            blank=None,
+        )
 
 
 def ensemble(members: Sequence[Source]) -> Source:
@@ -113,7 +160,8 @@ def open_source(
     variables: the case's own {"east", "north", "lon", "lat", "time", "angle", "mask": name}, {"axes": "true" |
     "grid"}, {"crs": any that pyproj knows}, {a dimension's name: index}; it overrides what is found.
     units: of the values where the file is silent or wrong. times: {"start": ..., "interval": ...} or one time a
-    slice, where the file's are meaningless. steady: the first slice holds at all times. box: what is needed; two
+    slice, where the file's are meaningless; {"zone": "-06:00"}, hours that the file's are ahead of UTC; {"stamp": "start"
+    | "middle" | "end" | "instant"}, where in the interval of a mean its time stands. steady: the first slice holds at all times. box: what is needed; two
     nodes more are read. depth: wanted level [m]. lenient: accept a lone slice, to describe it. plausible: the user
     vouches for its values: no speed is refused, no value taken as an undeclared fill value for standing apart.
     timeout: how long the server of an address may leave a question unanswered [s]. members: whether what is opened is
@@ -182,7 +230,8 @@ def _titles(paths: Any) -> Any:
 def _source(asked: reader.Request, name: str | None, reading: reader.Reading) -> Source:
     first = Source(
         asked.quantity, name or asked.name, reading.grid, reading.times, reading.read, reading.missing, reading.notes,
-        reading.fingerprint, reading.domain, label=reading.label,
+        reading.fingerprint, reading.domain, label=reading.label, edges=reading.edges,
+        blank=reading.blank,
     )  # fmt: skip
     return replace(first, others=tuple(replace(first, read=read, label=label) for label, read in reading.others))
 

@@ -60,14 +60,23 @@ class Examined:
     notes: tuple[str, ...]
 
 
-def make(components: tuple[Component, Component], layouts: tuple[Layout, Layout], axes: str, box: Box | None) -> Tile:
-    """Return the tile for two components and their (cropped) points. axes: "true", "grid" or "?"."""
+def make(
+    components: tuple[Component, Component],
+    layouts: tuple[Layout, Layout],
+    axes: str,
+    box: Box | None,
+    onto: Grid | None = None,
+) -> Tile:
+    """Return the tile for two components and their (cropped) points.
+
+    axes: "true", "grid" or "?"; onto: the grid to carry them to, None for the one that suits them.
+    """
     first, second = layouts
     notes: list[str] = []
-    grid = regular(first, second)
+    grid = regular(first, second) if onto is None else None
     matrices = None
     if grid is None:
-        grid, coarser = target.choose(layouts, box)
+        grid, coarser = target.choose(layouts, box) if onto is None else (onto, False)
         sign = 1.0 if axes == "true" else -1.0  # a grid's own axes turn round at the fold of a tripolar grid
         weights = regrid.weights(first, grid, sign)
         matrices = (weights, weights if _same(first, second) else regrid.weights(second, grid, sign))
@@ -132,14 +141,14 @@ def _directions(
     notes: list[str],
 ) -> NDArray[np.float32] | None:  # fmt: skip
     first = layouts[0]
-    if isinstance(first, Axes | Triangles) or matrices is None:
+    if matrices is None or isinstance(first, Axes) or (isinstance(first, Triangles) and first.projection is None):
         return None  # the axes are east and north here, or the components have none
     if axes == "true":
         notes.append("components are true east and north as they stand")
         return None
     assumed = ' (assumed: set variables.axes = "true" if they are east and north)' if axes == "?" else ""
     lon, lat = grids.nodes(grid)
-    if isinstance(first, Plane):
+    if isinstance(first, Plane | Triangles):
         result = rotation.plane_axes(first, lon, lat)
         how = "the projection's axes"
     else:  # each component has its own axis: at a fold they may come from different sides
@@ -253,12 +262,14 @@ def examine(tile: Tile, count: int, seen: Survey) -> Examined:
 
 def _dry(tile: Tile, looked_at: tuple[int, ...]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the points of each component that are exactly zero, or missing, in all these slices."""
-    zero = [np.ones(()), np.ones(())]
-    for i in looked_at:
-        values = _components(tile, i)[:2]
-        zero = [
-            z * (slices.still(value / c.factor, c, i) | np.isnan(value))
-            for z, value, c in zip(zero, values, tile.components, strict=True)
-        ]
-    u, v = (np.asarray(z, bool) for z in zero)
+    zero = [still(tile, i) for i in looked_at]
+    return np.logical_and.reduce([u for u, _ in zero]), np.logical_and.reduce([v for _, v in zero])
+
+
+def still(tile: Tile, i: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the points of each component that are exactly zero, or missing, in slice i."""
+    values = _components(tile, i)[:2]
+    u, v = (
+        slices.still(value / c.factor, c, i) | np.isnan(value) for value, c in zip(values, tile.components, strict=True)
+    )
     return (u & v, u & v) if u.shape == v.shape else (u, v)

@@ -111,10 +111,10 @@ def _nodes(data: xr.Dataset, least: int, cells: int) -> tuple[Array | None, Arra
     There are at least as many as the connectivity names, and not one for each cell.
     """
     coordinates: list[Array | None] = []
-    for pattern, standard, most in ((naming.LON, "longitude", 720.0), (naming.LAT, "latitude", 90.0)):
+    for standard, most in (("longitude", 720.0), ("latitude", 90.0)):
         values = None
         for name, variable in data.variables.items():
-            suits = pattern.match(str(name)) or str(variable.attrs.get("standard_name", "")) == standard
+            suits = naming.role(str(name), variable.attrs) == standard
             if suits and variable.ndim == 1 and variable.size >= least and variable.size != cells:
                 candidate = np.asarray(variable.values, np.float64)
                 candidate = np.where(np.isfinite(candidate), candidate, np.nan)

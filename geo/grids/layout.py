@@ -87,7 +87,8 @@ class Triangles:
     """Triangles: lon, lat (n,) [deg] of nodes, cells (m, 3) indices of nodes.
 
     first: index in the file of point 0. With lonc, latc (m,) the values stand at the cells' centres, and cells may have
-    more corners, (m, k); those with fewer end in -1.
+    more corners, (m, k); those with fewer end in -1. projection: from the plane along whose axes components count to
+    (lon, lat); None where they count along none.
     """
 
     lon: Array
@@ -96,6 +97,13 @@ class Triangles:
     first: int
     lonc: Array | None = None
     latc: Array | None = None
+    projection: Transformer | None = None
+
+    def to_plane(self, lon: Array, lat: Array) -> tuple[Array, Array]:
+        """Return (x, y) of points [deg] in the plane of its projection."""
+        assert self.projection is not None
+        x, y = self.projection.transform(lon, lat, direction="INVERSE")
+        return np.asarray(x), np.asarray(y)
 
 
 Layout = Axes | Plane | Curved | Triangles
@@ -367,4 +375,6 @@ def _crop_triangles(mesh: Triangles, box: Box) -> Triangles | None:
             mesh, cells=mesh.cells[part], first=mesh.first + part.start, lonc=mesh.lonc[part], latc=mesh.latc[part]
         )
     low, high = int(mesh.cells[kept].min()), int(mesh.cells[kept].max()) + 1
-    return Triangles(mesh.lon[low:high], mesh.lat[low:high], mesh.cells[kept] - low, mesh.first + low)
+    return replace(
+        mesh, lon=mesh.lon[low:high], lat=mesh.lat[low:high], cells=mesh.cells[kept] - low, first=mesh.first + low
+    )

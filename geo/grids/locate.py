@@ -1,16 +1,17 @@
 """Finding where a variable's points lie, from what a file says: coordinates, grid mapping, connectivity."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pyproj
 import xarray as xr
 
 from geo import sphere
 from geo.array import Array
 from geo.errors import UserError
-from geo.grids import absent, connect, naming, projection, rotation, seam, stagger, ugrid
+from geo.grids import absent, connect, naming, planar, projection, rotation, seam, stagger, ugrid
 from geo.grids.layout import Axes, Curved, Layout
 
 FINEST = 1e-5  # [deg] a metre; every grid as a whole is larger
@@ -42,16 +43,26 @@ def locate(
     plane = projection.plane(data, name, dims, chosen, notes)
     mesh = ugrid.mesh_of(data, name, dims[0]) if len(dims) == 1 else None
     lon_name, lat_name = _names(component, mesh)
+    along: pyproj.Transformer | None = None
+    if plane is None and not (lon_name and lat_name) and not (mesh and mesh.nodes):
+        flat = planar.unprojected(data, name, dims, chosen, notes)
+        if flat is not None:
+            data, along = flat
+            component = replace(component, data=data)
+            mesh = ugrid.mesh_of(data, name, dims[0]) if len(dims) == 1 else None
+            lon_name, lat_name = _names(component, mesh)
+    elif len(dims) == 1 and planar.pairs(data, chosen):
+        along = planar.transformer(data, name, chosen, [])
     if len(dims) == 1 and (mesh.place == "edge" if mesh else "edge" in dims[0].lower()):
         raise UserError(
             f'"{name}" stands on the edges of its mesh ({dims[0]}), where no vector is known; choose values at nodes '
             f"or faces with variables = {{ east = ..., north = ... }}"
         )
     if mesh and mesh.place == "face" and lon_name is None and mesh.nodes and mesh.connectivity:
-        return connect.triangles(data, name, dims[0], None, None, notes, mesh), notes
+        return replace(connect.triangles(data, name, dims[0], None, None, notes, mesh), projection=along), notes
     if plane is not None:
         if lon_name and lat_name:
-            own_lon, own_lat = (_at_first(data, n, dims) for n in (lon_name, lat_name))
+            own_lon, own_lat = (_at_first(component, n) for n in (lon_name, lat_name))
             trouble = projection.disagreement(plane, own_lon, own_lat)
             if trouble and not chosen.get("crs"):
                 notes.append(
@@ -65,11 +76,11 @@ def locate(
             f'no longitude and latitude for "{name}" ({", ".join(dims)}), and no grid mapping with x and y; '
             f"set variables = {{ lon = ..., lat = ... }} or variables.crs"
         )
-    lon, lat = absent.without(_at_first(data, lon_name, dims), _at_first(data, lat_name, dims), notes)
+    lon, lat = absent.without(_at_first(component, lon_name), _at_first(component, lat_name), notes)
     if not np.isfinite(lon).any() or np.nanmax(np.abs(lat)) > 90.001 or np.nanmax(np.abs(lon)) > 720:
         raise UserError(f'"{lon_name}" and "{lat_name}" are no degrees; set variables = {{ lon = ..., lat = ... }}')
     if len(dims) == 1:
-        return connect.triangles(data, name, dims[0], lon, lat, notes, mesh), notes
+        return replace(connect.triangles(data, name, dims[0], lon, lat, notes, mesh), projection=along), notes
     if lon.ndim == 1 and lat.ndim == 1:
         return axes(lon, lat, lon_name, lat_name), notes
     lon, lat = _at_points(component, lon_name, lon, lat, notes)
@@ -80,6 +91,14 @@ def locate(
     return absent.extended(seam.close(grid, notes)), notes
 
 
+def coordinates(
+    data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], side: int
+) -> tuple[str, str] | None:
+    """Return the names of a variable's longitudes and latitudes; None without. dims, chosen, side: as in `locate`."""
+    lon, lat = _names(Component(data, name, dims, side, chosen), None)
+    return (lon, lat) if lon is not None and lat is not None else None
+
+
 def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, str | None]:
     """Return the names of the longitudes and latitudes that go with a variable; None where it has none."""
     data, chosen = component.data, component.chosen
@@ -87,10 +106,7 @@ def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, s
     if mesh_names and not {"lon", "lat"} & set(chosen):
         return mesh_names
     scores_of: list[dict[str, float]] = []
-    for key, pattern, units, standard in (
-        ("lon", naming.LON, naming.EAST_UNITS, "longitude"),
-        ("lat", naming.LAT, naming.NORTH_UNITS, "latitude"),
-    ):
+    for key, standard in (("lon", "longitude"), ("lat", "latitude")):
         if key in chosen:
             if chosen[key] not in data.variables:
                 raise UserError(f'no variable "{chosen[key]}" (variables.{key})')
@@ -99,23 +115,23 @@ def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, s
         scores = {}
         for other in map(str, data.variables):
             attributes = data[other].attrs
-            score = (
-                4 * (str(attributes.get("standard_name", "")) == standard)
-                + 4 * bool(units.match(str(attributes.get("units", "")).strip()))
-                + 2 * bool(pattern.match(other))
-            )
-            fit = _fit(component, other) if score else None
+            fit = _fit(component, other) if naming.role(other, attributes) == standard else None
             if fit is not None:
-                scores[other] = score + fit
+                scores[other] = naming.certainty(other, attributes, standard) + fit
         scores_of.append(scores)
     pairs = [
         (x + y, lon, lat)
         for lon, x in scores_of[0].items()
         for lat, y in scores_of[1].items()
-        if data[lon].dims == data[lat].dims or max(data[lon].ndim, data[lat].ndim) == 1 or {"lon", "lat"} <= set(chosen)
+        if _go_together(component, lon, lat)
     ]
     if pairs:
-        return max(pairs)[1:]
+        _, lon, lat = max(pairs)
+        for key, other in (("lon", lon), ("lat", lat)):
+            odd = "" if key in chosen else naming.contradiction(other, data[other].attrs)
+            if odd:
+                raise UserError(f"{odd}; say which it is: set variables = {{ lon = ..., lat = ... }}")
+        return lon, lat
     for key, others, other_axis in (("lon", scores_of[1], "latitudes"), ("lat", scores_of[0], "longitudes")):
         if key in chosen and others:
             raise UserError(
@@ -123,6 +139,20 @@ def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, s
                 f"({', '.join(others)}): they have other dimensions; set variables.lon and variables.lat"
             )
     return (max(scores_of[0], default=None), None) if scores_of[0] else (None, max(scores_of[1], default=None))
+
+
+def _go_together(component: Component, lon: str, lat: str) -> bool:
+    """Whether longitudes and latitudes are those of the same points, or axes, or both named by the case."""
+    own = [_lasting(component, component.data[name].variable) for name in (lon, lat)]
+    return own[0] == own[1] or max(map(len, own)) == 1 or {"lon", "lat"} <= set(component.chosen)
+
+
+def _lasting(component: Component, variable: xr.Variable) -> tuple[str, ...]:
+    """Return the dimensions of coordinates without the one, such as time, along which a file repeats them."""
+    own = tuple(map(str, variable.dims))
+    stands = map(str, component.data[component.name].dims)
+    repeated = len(own) > 1 and own[0] not in component.dims and own[0] in stands
+    return own[1:] if repeated else own
 
 
 def _fit(component: Component, other: str) -> float | None:
@@ -134,12 +164,12 @@ def _fit(component: Component, other: str) -> float | None:
     variable = data[other]
     if not variable.ndim or not np.issubdtype(variable.dtype, np.number):
         return None
-    own = set(map(str, variable.dims)) <= set(dims) or tuple(map(str, variable.dims[1:])) == dims
+    own = set(_lasting(component, variable.variable)) <= set(dims) or tuple(map(str, variable.dims[1:])) == dims
     place = stagger.place_of(other) if len(dims) == 2 else None
     beside = place in (None, "t") and _beside(data, variable, dims)
     if not own and not beside:
         return None
-    values = np.asarray(variable.isel({variable.dims[0]: 0}).values if variable.ndim > 2 else variable.values, float)
+    values = _at_first(component, other)
     finite = values[np.isfinite(values)]
     if values.size > 1 and (finite.size == 0 or finite.min() == finite.max()):
         return None  # FVCOM in metres writes lon = lat = 0 everywhere, ROMS zeros or fill values at u and v
@@ -159,10 +189,10 @@ def _beside(data: xr.Dataset, variable: xr.DataArray, dims: tuple[str, ...]) -> 
     return same or (max(more) <= 1 and min(more) >= 0 and any(more)) or sorted(more) == [-1, 0]
 
 
-def _at_first(data: xr.Dataset, name: str, dims: tuple[str, ...]) -> Array:
+def _at_first(component: Component, name: str) -> Array:
     """Return coordinates at the first of the times for which a file may repeat them, as WRF does."""
-    variable = data[name]
-    while variable.ndim > len(dims):
+    variable = component.data[name].variable
+    while variable.ndim > min(len(component.dims), len(_lasting(component, variable))):
         variable = variable.isel({variable.dims[0]: 0})
     values = np.asarray(variable.values, np.float64)
     return np.where(np.isfinite(values), values, np.nan)

@@ -16,7 +16,10 @@ from geo.files import fence, reference_system
 from geo.grids.layout import Plane, points
 
 WKT = re.compile(r"\s*[A-Z]\w*\s*\[", re.IGNORECASE)
-MAPPINGS = ("proj4", "proj4text", "proj4_string", "crs_wkt", "spatial_ref", "epsg_code")
+MAPPINGS = (
+    "proj4", "proj4text", "proj4_string", "proj4_params", "crs_wkt", "wkt", "spatial_ref", "epsg_code", "CoordinateProjection",
+)  # fmt: skip
+EPSG = re.compile(r"epsg", re.IGNORECASE)  # epsg, EPSG_code, horizontal_epsg
 
 
 def plane(
@@ -39,7 +42,7 @@ def plane(
         if not (planar or rotated or units in ("m", "km", "meter", "metre", "meters", "metres")):
             return None
         axis.append(np.asarray(variable.values, np.float64) * (1000.0 if units == "km" else 1.0))
-    crs = _crs(data, name, chosen, notes)
+    crs = crs_of(data, name, chosen, notes)
     if crs is None or min(len(axis[0]), len(axis[1])) < 2:
         return None
     geographic = crs.geodetic_crs if not crs.is_derived or crs.is_projected else crs.source_crs
@@ -56,7 +59,7 @@ def plane(
     return Plane(axis[1], axis[0], np.arange(len(axis[1])), np.arange(len(axis[0])), transform, turn)
 
 
-def _crs(data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str]) -> pyproj.CRS | None:
+def crs_of(data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str]) -> pyproj.CRS | None:
     """Return the reference system that the case chooses or the file describes; None where neither does."""
     if chosen.get("crs"):
         fence.check_crs(chosen["crs"])
@@ -65,26 +68,59 @@ def _crs(data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str
         except pyproj.exceptions.CRSError as error:
             raise UserError(f'variables.crs = "{chosen["crs"]}" is no coordinate reference system') from error
     mapping = str(data[name].attrs.get("grid_mapping", "")).split(":")[0].strip()
-    if mapping not in data.variables:
-        described = [str(n) for n in data.variables if "grid_mapping_name" in data[n].attrs]
-        if len(described) != 1:
-            return None
-        notes.append(f'grid mapping "{described[0]}" taken, the only one in the file')
-        mapping = described[0]
+    if mapping in data.variables:
+        return _described(data, mapping, notes)
+    described = [str(n) for n in data.variables if _describes(data[n].attrs)]
+    if len(described) > 1:  # Delft3D FM has one of degrees too
+        systems = {n: _described(data, n, []) for n in described}
+        described = [n for n, crs in systems.items() if crs is not None and crs.is_projected]
+    if len(described) != 1:
+        return None
+    notes.append(f'grid mapping "{described[0]}" taken, the only one in the file')
+    return _described(data, described[0], notes)
+
+
+def _described(data: xr.Dataset, mapping: str, notes: list[str]) -> pyproj.CRS | None:
+    """Return the reference system that a grid mapping describes; None where it describes none."""
     attributes = dict(data[mapping].attrs)
-    for key in MAPPINGS:
+    for key in _texts(attributes):
         if not WKT.match(str(attributes.get(key, ""))):
             fence.check_crs(attributes.get(key, ""))
     try:
         return reference_system.of(attributes)
     except (KeyError, ValueError, TypeError, pyproj.exceptions.CRSError):
-        for key in MAPPINGS:
-            try:
-                crs = pyproj.CRS.from_user_input(attributes[key])
-            except (KeyError, pyproj.exceptions.CRSError):
-                continue
-            notes.append(f'grid mapping "{mapping}" read from its {key}')
-            return crs
+        return of_attributes(attributes, notes, f'grid mapping "{mapping}"')
+
+
+def _describes(attributes: Mapping[str, Any]) -> bool:
+    return "grid_mapping_name" in attributes or bool(_texts(attributes))
+
+
+def _texts(attributes: Mapping[str, Any]) -> list[str]:
+    """Return the attributes that may define a reference system, those that files write most first."""
+    return [key for key in MAPPINGS if key in attributes] + sorted(
+        k for k in attributes if EPSG.search(k) and k not in MAPPINGS
+    )
+
+
+def of_attributes(
+    attributes: Mapping[str, Any], notes: list[str] | None = None, called: str = "projection"
+) -> pyproj.CRS | None:
+    """Return the reference system that a PROJ or WKT text, or an EPSG code, among attributes defines; None without."""
+    for key in _texts(attributes):
+        written = attributes[key]
+        number = re.fullmatch(
+            r"\s*(?:urn:ogc:def:crs:)?(?:EPSG:*)?\s*(\d{4,6})(?:\.0)?\s*", str(written), re.IGNORECASE
+        )
+        if not number and not WKT.match(str(written)):
+            fence.check_crs(written)
+        try:
+            crs = pyproj.CRS.from_epsg(int(number[1])) if number else pyproj.CRS.from_user_input(str(written))
+        except pyproj.exceptions.CRSError:
+            continue
+        if notes is not None:
+            notes.append(f"{called} read from its {key}")
+        return crs
     return None
 
 

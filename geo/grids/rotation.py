@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from geo import sphere
 from geo.array import Array
-from geo.grids.layout import Plane
+from geo.grids.layout import Plane, Triangles
 
 LEAST = 0.1  # smallest area that two carried unit axes may span; it is smaller where axes meet, at a pole of the grid
 STEP = 1e-4  # [rad] of a finite difference on the Earth: 640 m; the direction's error is below 1e-8
@@ -63,7 +63,7 @@ def undone(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32
     return np.asarray(np.where(np.abs(det)[..., None] > LEAST, back, np.nan), np.float32)
 
 
-def plane_axes(plane: Plane, lon: Array, lat: Array) -> NDArray[np.float32]:
+def plane_axes(plane: Plane | Triangles, lon: Array, lat: Array) -> NDArray[np.float32]:
     """Return the unit vectors of a projection's axes at points [deg], shape (..., 4).
 
     The four numbers are (x's east, x's north, y's east, y's north), NaN where the projection has no image.

@@ -1,6 +1,7 @@
 """The regular grid to which other grids are carried: its spacing and its extent."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,6 +15,31 @@ from geo.grids.layout import Axes, Curved, Layout, Triangles, uniform
 FINER = 2.0  # times the source's resolution (NorKyst-800: rms error of a component 0.7 %, at its own resolution 1.9 %)
 MOST_NODES = 4_000_000  # most nodes of a tile, which is 32 MB a slice
 POLAR = 75.0  # [deg] beyond this latitude cells may hold a pole
+
+
+@dataclass
+class Extent:
+    """What layouts cover together: their longitudes to a hundredth of a degree, latitudes and finest spacing [deg]."""
+
+    lon: Array = field(default_factory=lambda: np.empty(0))
+    south: float = np.inf
+    north: float = -np.inf
+    step: float = np.inf
+
+    def add(self, item: Layout) -> None:
+        """Add a layout."""
+        lon, lat = (np.ravel(v) for v in lay.points(item))
+        there = np.isfinite(lon) & np.isfinite(lat)
+        south, north = _latitudes(item, lat[there])
+        rounded = np.concatenate((np.floor(lon[there] * 100), np.ceil(lon[there] * 100))) / 100
+        self.lon = np.unique(np.concatenate((self.lon, rounded)))
+        self.south, self.north = min(self.south, south), max(self.north, north)
+        self.step = min(self.step, lay.spacing(item))
+
+
+def over(extent: Extent, box: Box | None) -> tuple[Grid, bool]:
+    """Return the regular grid over an extent, and whether MOST_NODES made it coarser than wanted."""
+    return _at_most(_around(extent.lon, extent.south, extent.north, extent.step / FINER, box))
 
 
 def choose(layouts: Sequence[Layout], box: Box | None) -> tuple[Grid, bool]:
@@ -31,16 +57,25 @@ def choose(layouts: Sequence[Layout], box: Box | None) -> tuple[Grid, bool]:
             )
         finite = np.isfinite(lon) & np.isfinite(lat)
         lon, lat = lon[finite], lat[finite]
-        low, high = _latitudes(first, lat)
-        south, north = low, high
-        if box is not None:
-            south, north = max(south, box.south - 2 * step), min(north, box.north + 2 * step)
-        nearest_equator = 0.0 if south < 0 < north else min(abs(south), abs(north))
-        dlon = step / max(0.02, np.cos(np.radians(nearest_equator)))  # fine enough at the widest parallel
-        west, width = _hull(lon, 4 * FINER * dlon)
-        if box is not None and box.east - box.west < 350.0:
-            west, width = _shared(west, width, box.west - 2 * dlon, box.east - box.west + 4 * dlon)
-        grid = _grid(west, south, width, max(north - south, step), dlon, step)
+        grid = _around(lon, *_latitudes(first, lat), step, box)
+    return _at_most(grid)
+
+
+def _around(lon: Array, low: float, high: float, step: float, box: Box | None) -> Grid:
+    """Return the regular grid over longitudes and from one latitude to another, of a spacing [deg of a great circle]."""
+    south, north = low, high
+    if box is not None:
+        south, north = max(south, box.south - 2 * step), min(north, box.north + 2 * step)
+    nearest_equator = 0.0 if south < 0 < north else min(abs(south), abs(north))
+    dlon = step / max(0.02, np.cos(np.radians(nearest_equator)))  # fine enough at the widest parallel
+    west, width = _hull(lon, 4 * FINER * dlon)
+    if box is not None and box.east - box.west < 350.0:
+        west, width = _shared(west, width, box.west - 2 * dlon, box.east - box.west + 4 * dlon)
+    return _grid(west, south, width, max(north - south, step), dlon, step)
+
+
+def _at_most(grid: Grid) -> tuple[Grid, bool]:
+    """Return a grid, coarser if it has more than MOST_NODES, and whether it had."""
     coarser = np.sqrt(grid.nlon * grid.nlat / MOST_NODES)
     if coarser > 1:
         width, height = (grid.nlon - 1) * grid.dlon, (grid.nlat - 1) * grid.dlat

@@ -224,6 +224,22 @@ def test_files_relative_and_through_the_environment(tmp_path: Path, monkeypatch:
     timed = current.format('"data/a.nc"').replace("steady = true", 'times = { start = "+1 h", every = "6 h" }')
     times = load(tmp_path, CASE.replace("[[wind]]", timed)).forcing["current"][1].times
     assert times == Slices(np.datetime64("2026-11-21T19:30:00"), np.timedelta64(21_600, "s"))
+    for text, meant in (
+        ('{ zone = "-06:00" }', Slices(zone="-06:00")),
+        ('{ stamp = "start", zone = "UTC" }', Slices(zone="UTC", stamp="start")),
+    ):
+        own = current.format('"data/a.nc"').replace("steady = true", f"times = {text}")
+        assert load(tmp_path, CASE.replace("[[wind]]", own)).forcing["current"][1].times == meant
+    for text, words in (
+        ('{ start = "+1 h" }', "start and every go together"),
+        ('{ start = "+1 h", every = "1 h", zone = "UTC" }', "zone is of the file's own times"),
+        ("{ }", "give start and every, or zone, or stamp"),
+        ('{ zone = "CST" }', 'zone "CST": allowed are "UTC" and hours ahead of UTC'),
+        ('{ stamp = "noon" }', "stamp"),
+    ):
+        own = current.format('"data/a.nc"').replace("steady = true", f"times = {text}")
+        with pytest.raises(UserError, match=words):
+            load(tmp_path, CASE.replace("[[wind]]", own))
 
 
 def test_domain_over_the_antimeridian(tmp_path: Path) -> None:

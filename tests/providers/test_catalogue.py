@@ -1,16 +1,19 @@
 """The catalogue of providers: what ships, what a user adds, whom a fetch chooses."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 from places import ROOT
 
-from drift.providers import catalogue
+from drift.providers import catalogue, fetching
 from drift.providers.fetching import SHIP, box_of
+from drift.providers.order import Order, Shipment
 from geo.box import Box
 from geo.errors import UserError
+from geo.forcing.averages import STAMPS
 
 NOW = np.datetime64("2026-11-22T12:00:00", "s")
 DAY = np.timedelta64(86_400, "s")
@@ -25,6 +28,18 @@ def test_the_page_lists_what_ships() -> None:
     }
     assert {one.protocol for one in shipped.values()} <= set(SHIP) == set(catalogue.PROTOCOLS)
     assert all(one.license for one in shipped.values())
+    assert all(one.stamp in STAMPS for one in shipped.values())
+    stated = re.search(r"^Of means `stamp`.*?\n\n", page, re.M | re.S)
+    assert stated is not None
+    means = {one.name for one in shipped.values() if one.stamp != "instant"}
+    assert set(re.findall(r"`(\w+)`\s\(", stated[0])) == means
+
+
+def test_the_tables_of_a_fetch_say_where_means_are_stamped(tmp_path: Path) -> None:
+    for one in catalogue.read(Path("/dev/null")).values():
+        order = Order(one, Box(4, 59, 7, 61), NOW, NOW + DAY, 5.0, NOW)
+        table = tomllib.loads(fetching._tables(tmp_path, [Shipment(order, ())]))[one.quantity][0]
+        assert table.get("times") == (None if one.stamp == "instant" else {"stamp": one.stamp})
 
 
 def test_those_that_suit_are_chosen() -> None:
@@ -51,6 +66,10 @@ def test_those_that_suit_are_chosen() -> None:
         ("[a]\ntitle='x'\nquantity='current'\nprotocol='ftp'\nvariables=['u','v']", 'protocol "ftp" is not known'),
         ("[a]\ntitle='x'\nquantity='tea'\nprotocol='opendap'\nvariables=['u','v']", 'quantity "tea" is not known'),
         ("[a]\ntitle='x'\nquantity='wind'\nprotocol='opendap'\nvariables=['u']", "variables must be the names"),
+        (
+            "[a]\ntitle='x'\nquantity='wind'\nprotocol='opendap'\nvariables=['u','v']\nstamp='noon'",
+            'stamp "noon" is not known. Allowed: start, middle, end, instant',
+        ),
         (
             "[a]\ntitle='x'\nquantity='wind'\nprotocol='opendap'\nvariables=['u','v']\naddress='file:///etc/passwd'",
             "begins with https",

@@ -207,7 +207,7 @@ def test_a_reference_system_inside_a_file(fenced: Path, key: str) -> None:
     data = xr.Dataset({"m": ((), 0, {key: f"+init={fenced.parent}/secret/wind.txt:x"})})
     data["u"] = (("y", "x"), np.zeros((2, 2)), {"grid_mapping": "m"})
     with pytest.raises(UserError, match=OUT):
-        projection._crs(data, "u", {}, [])
+        projection.crs_of(data, "u", {}, [])
 
 
 @pytest.mark.parametrize("crs", ["+init=/etc/passwd:root", "+proj=utm +nadgrids=/etc/passwd", "/etc/passwd", "c:\\x"])

@@ -617,3 +617,36 @@ def test_real_files_that_are_refused(data: Path, capsys: pytest.CaptureFixture[s
     assert "10u is one component of the wind, but the northward one is missing" in told
     assert main(["info", str(folder / "regular_gg_sfc.grib")]) != 0
     assert "northward one is missing" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("edition", [1, 2])
+def test_averages_stand_at_the_middle_of_their_steps(edition: int, tmp_path: Path) -> None:
+    more: dict[str, Any] = {"stepUnits": 1}
+    if edition == 2:
+        more |= {"productDefinitionTemplateNumber": 8, "typeOfStatisticalProcessing": 0}
+    parts = []
+    for begin in (0, 6, 12):  # the mean of a field that is linear in time is that of the middle
+        steps = (
+            {"timeRangeIndicator": 3, "P1": begin, "P2": begin + 6}
+            if edition == 1
+            else {"stepRange": f"{begin}-{begin + 6}"}
+        )
+        for side, name in enumerate(BOTH):
+            lon, lat = gribs.points(f"GRIB{edition}", settings(REGULAR, edition, 0.0, False, name, {}))
+            values = writers.field((lon + 180.0) % 360.0 - 180.0, lat, begin + 3.0)[side]
+            keys = {"shortName": name} if edition == 1 else WIND_AT_10 | {"parameterNumber": 2 + side}
+            parts.append(
+                gribs.pack(f"GRIB{edition}", settings(REGULAR, edition, 0.0, False, "", more | keys | steps), values)
+            )
+    source = sources.open_source("wind", written(tmp_path / "a.grib", parts))
+    start = np.datetime64("2024-03-05T00:00:00", "s")
+    assert [int((t - start) / np.timedelta64(1, "h")) for t in source.times] == [0, 3, 9, 15, 18]
+    for k, hour in ((1, 3.0), (2, 9.0), (3, 15.0)):
+        assert worst(source, k, hour)[0] < 2e-3
+    assert any("means over 6 h" in note for note in source.notes)
+
+
+WIND_AT_10 = {
+    "discipline": 0, "parameterCategory": 2, "typeOfFirstFixedSurface": 103, "scaleFactorOfFirstFixedSurface": 0,
+    "scaledValueOfFirstFixedSurface": 10,
+}  # fmt: skip

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import linear
 import numpy as np
 import pytest
 import xarray as xr
@@ -245,3 +246,63 @@ def test_real_files_give_the_surface(folder: str, pattern: str, level: str, data
     extra = [str(data / folder / "hycom.gdp.h.nc")] if folder == "biscay" else []
     source = sources.open_source("current", [str(data / folder / pattern), *extra], steady=folder == "biscay")
     assert level in " ".join(source.notes)
+
+
+AIR = ("eastward_wind", "northward_wind")
+
+
+def winds(path: Path, *names: str, speeds: Any = (5.0, 20.0, 30.0)) -> Path:
+    """Write winds by standard name, each pair as fast as the next of `speeds`."""
+    data = linear.dataset([0.0, 1.0])
+    held = {}
+    for name, speed in zip(names, speeds, strict=False):
+        for letter, standard in zip("uv", AIR, strict=True):
+            values = np.full(data.uo.shape, speed)
+            held[name.replace("?", letter)] = (data.uo.dims, values, {"standard_name": standard, "units": "m s-1"})
+    return linear.written(path, data.drop_vars(["uo", "vo"]).assign(held))
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("?850", "850 hPa"), ("?GRD_850mb", "850 mb"), ("?100", "100 m"), ("100?", "100 m"), ("?_ml", '"ml"'),
+     ("?GRD_tropopause", '"tropopause"'), ("?wnd_925hPa", "925 hPa"), ("?_component_of_wind_500", "500 hPa"),
+     ("?GRD_1829mabovemeansealevel", "1829 m"), ("?GRD_0D85sigma", "0.85"), ("?80m", "80 m")],
+)  # fmt: skip
+def test_a_level_in_a_name_alone_is_judged(name: str, told: str, tmp_path: Path) -> None:
+    """Refused as a level in an attribute is; the key that the refusal names takes it."""
+    path = winds(tmp_path / "a.nc", name)
+    with pytest.raises(UserError) as caught:
+        sources.open_source("wind", path)
+    assert told in str(caught.value)
+    assert "[[wind]] variables.level" in str(caught.value)
+    source = sources.open_source("wind", path, variables={"level": 0})
+    assert source.read(0)[3, 3, 0] == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [("?10", "?850"), ("?10m", "?GRD_850mb"), ("10?", "100?"), ("?10n", "?_ml"), ("?GRD_10maboveground", "?gust"),
+     ("?GRD_0D995sigma", "?GRD_850mb"), ("wind_?", "?850"), ("wind_?", "?gust")],
+)  # fmt: skip
+def test_ten_metres_are_taken_of_several(name: str, other: str, tmp_path: Path) -> None:
+    source = sources.open_source("wind", winds(tmp_path / "a.nc", other, name, speeds=(20.0, 5.0)))
+    assert source.read(0)[3, 3, 0] == pytest.approx(5.0)
+
+
+def test_gusts_are_no_wind_whatever_their_standard_name(tmp_path: Path) -> None:
+    path = winds(tmp_path / "a.nc", "?gust")
+    with pytest.raises(UserError, match=r"no wind .*ugust"):
+        sources.open_source("wind", path)
+    source = sources.open_source("wind", path, variables={"east": "ugust", "north": "vgust"})
+    assert source.read(0)[3, 3, 1] == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize(("name", "passes"), [("u_15m", False), ("u_bottom", False), ("u_0m", True), ("u_2m", True)])
+def test_a_depth_in_a_name(name: str, passes: bool, tmp_path: Path) -> None:
+    data = linear.dataset([0.0, 1.0]).rename(uo=name, vo=f"v{name[1:]}")
+    path = linear.written(tmp_path / "a.nc", data)
+    if not passes:
+        with pytest.raises(UserError, match="at most 5 m deep"):
+            sources.open_source("current", path)
+    source = sources.open_source("current", path, variables={} if passes else {"level": 0})
+    assert linear.worst(source) < 1e-6

@@ -373,8 +373,12 @@ def test_files_of_one_source_are_in_the_same_units_and_places(tmp_path: Path) ->
     first = saved(tmp_path / "a.nc", 100 * u, 100 * v, attributes={"units": "cm s-1"})
     second = saved(tmp_path / "b.nc", u, v, hours=HOURS + 100)
     for pair in ([first, second], [second, first]):
-        with pytest.raises(UserError, match=r'"uo" is in "c?m s-1", and in .* in "c?m s-1"; give it as a'):
-            sources.open_source("current", pair)
+        joined = sources.open_source("current", pair)
+        np.testing.assert_allclose(joined.read(0), np.stack((u[0], v[0]), -1), atol=1e-6)
+        np.testing.assert_allclose(joined.read(len(HOURS)), np.stack((u[0], v[0]), -1), atol=1e-6)
+    other = saved(tmp_path / "p.nc", u, v, hours=HOURS + 100, attributes={"units": "Pa"})
+    with pytest.raises(UserError, match=r'"uo" is in "Pa", and in .* in "cm s-1"; give it as a'):
+        sources.open_source("current", [first, other])
     assert sources.open_source("current", [first, second], units="cm/s").missing == 0
     x, y = np.meshgrid(LON, LAT)
     for name, shift in (("c.nc", 0.0), ("d.nc", 2.0)):

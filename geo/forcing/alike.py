@@ -1,0 +1,248 @@
+"""Files of one source that say the same in other ways, brought to what one of them says: names, units, order of points.
+
+Longitudes may run 0 to 360 in one and -180 to 180 in another, latitudes may fall, a file may hold more columns and rows.
+What differs in more than that stays as it is, and is rejected where files are joined.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from geo.array import Array
+from geo.errors import UserError
+from geo.forcing import clock, component, derived, level, members, quantities, speed
+from geo.forcing.quantities import Pair
+from geo.grids import naming
+
+NEAR = 0.01  # share of the step between columns or rows by which those of two files may differ
+SAME = 5e-5  # [deg] by which points of curved grids may differ: single precision at 360 degrees, and a little more
+FEW_NAMES = 8  # different names of the components in files of one source, at most
+
+File = tuple[str, xr.Dataset]
+
+
+def renamed(quantity: str, files: Sequence[File], chosen: Mapping[str, Any], notes: list[str]) -> list[File]:
+    """Return files whose components have the names that the first ones have; notes is added to.
+
+    chosen: the case's variables, which name components themselves.
+    """
+    result = list(files)
+    first = None if {"east", "north"} & set(chosen) else _found(quantity, [data for _, data in files])
+    for _ in range(FEW_NAMES if first is not None else 0):
+        assert first is not None
+        own = {first.east, first.north}
+        lacking = [k for k, (_, data) in enumerate(result) if not own & set(map(str, data.variables))]
+        other = _found(quantity, [result[k][1] for k in lacking])
+        if other is None or (other.axes != first.axes and not _straight(result[lacking[0]][1], other)):
+            break
+        new = {other.east: first.east, other.north: first.north}
+        for k in lacking:
+            path, data = result[k]
+            result[k] = (path, data.rename_vars({old: name for old, name in new.items() if old in data.variables}))
+        path = os.path.basename(next(p for p, d in (files[k] for k in lacking) if other.east in d.variables))
+        notes.append(f"{path}: {other.east}, {other.north} are what other files call {first.east}, {first.north}")
+    return result
+
+
+def _found(quantity: str, datasets: Sequence[xr.Dataset]) -> Pair | None:
+    """Return the components in the first dataset that has both, or else in all together; None where there are none."""
+    fields = [
+        {str(n): v.attrs for n, v in data.variables.items() if v.ndim > 1 and np.issubdtype(v.dtype, np.number)}
+        for data in datasets
+    ]
+    for held in (*fields, {name: said for own in reversed(fields) for name, said in own.items()}):
+        try:
+            pair = quantities.search(quantity, held)
+        except UserError:
+            continue
+        if pair is not None:
+            return pair
+    return None
+
+
+def _straight(data: xr.Dataset, pair: Pair) -> bool:
+    """Whether components lie on axes of longitude and latitude, where the grid's own axes are east and north."""
+    name = pair.east if pair.east in data.variables else pair.north
+    roles = {
+        naming.role(str(n), v.attrs)
+        for n, v in data.variables.items()
+        if v.ndim == 1 and set(v.dims) <= set(data[name].dims)
+    }
+    return {"longitude", "latitude"} <= roles
+
+
+def aligned(files: Sequence[File], names: Sequence[str], units: str | None, notes: list[str]) -> list[File]:
+    """Return files whose variables have the dimensions, the points in their order, and the units of the first ones.
+
+    names: of both components; units: that the case states, which holds for all files; notes is added to.
+    """
+    result = list(files)
+    for name in dict.fromkeys(names):
+        holding = [k for k, (_, data) in enumerate(result) if name in data.variables]
+        if len(holding) < 2:
+            continue
+        first = result[holding[0]][1]
+        for k in holding[1:]:
+            path, data = result[k]
+            data = _with_dims(first, data, name)
+            result[k] = (path, data if units is not None else _in_units(first, data, name, path, notes))
+        fewest = min((result[k][1] for k in holding), key=lambda data: _points(data, name))
+        for k in holding:
+            path, data = result[k]
+            result[k] = (path, _in_order(fewest, data, name, path, notes))
+    return result
+
+
+def _points(data: xr.Dataset, name: str) -> int:
+    sizes = {str(d): n for d, n in data[name].sizes.items() if component.axis_of(data, str(d)) is not None}
+    return int(np.prod(list(sizes.values()) or [0]))
+
+
+def _with_dims(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
+    """Return a dataset whose dimensions have the names that those of the same kind have in the first."""
+    wanted, own = ({str(d): _kind(held, str(d)) for d in held[name].dims} for held in (first, data))
+    new = {}
+    for dim, kind in own.items():
+        fitting = [other for other, its in wanted.items() if its == kind]
+        alone = kind is not None and list(own.values()).count(kind) == 1
+        if alone and len(fitting) == 1 and fitting[0] != dim:
+            new[dim] = fitting[0]
+    free = all(other not in data.variables or other in new for other in new.values())
+    return data.rename(new) if new and free else data
+
+
+def _kind(data: xr.Dataset, dim: str) -> str | None:
+    """Return what lies along a dimension: "time", "level", "member", "x" or "y"; None for anything else."""
+    held = data[dim].attrs if dim in data.variables else {}
+    if " since " in str(held.get("units", "")) or held.get("standard_name") == "time" or dim in clock.NAMES:
+        return "time"
+    if members.named(data, dim):
+        return "member"
+    return "level" if level.is_vertical(data, dim) else component.axis_of(data, dim)
+
+
+def _in_units(first: xr.Dataset, data: xr.Dataset, name: str, path: str, notes: list[str]) -> xr.Dataset:
+    """Return a dataset with a variable in the units that it has in the first, where both are known."""
+    pair = [str(held[name].attrs.get("units", "")).strip() for held in (first, data)]
+    if pair[0].lower() == pair[1].lower():
+        return data
+    try:
+        factors = [speed.factor(units) for units in pair]
+    except UserError:
+        return data
+    ratio, variable = factors[1] / factors[0], data.variables[name]
+    if not np.isclose(ratio, 1.0, rtol=1e-9):
+        variable = _scaled(variable, ratio)
+        notes.append(f'{os.path.basename(path)}: "{name}" converted from "{pair[1]}" to "{pair[0]}"')
+    variable = variable.copy(deep=False)
+    variable.attrs = {**variable.attrs, "units": pair[0]}
+    return data.assign({name: variable})
+
+
+def _scaled(variable: xr.Variable, ratio: float) -> xr.Variable:
+    """Return a variable times a number, read when it is needed; its packing keeps fitting."""
+
+    def read(part: derived.Part) -> Array:
+        return derived.values_of(variable, part) * ratio
+
+    result = derived.derive(variable, read)
+    packing = {
+        key: float(variable.encoding[key]) * ratio for key in ("scale_factor", "add_offset") if key in variable.encoding
+    }
+    result.encoding = {**result.encoding, **packing}
+    return result
+
+
+def _in_order(first: xr.Dataset, data: xr.Dataset, name: str, path: str, notes: list[str]) -> xr.Dataset:
+    """Return a dataset whose columns and rows are those of another, in its order, if it has them all."""
+    if data is first:
+        return data
+    for dim in (str(d) for d in first[name].dims if d in data[name].dims):
+        pair = _along(first, dim), _along(data, dim)
+        if pair[0] is None or pair[1] is None:
+            continue
+        (own, kind), (other, _) = pair[0], pair[1]
+        wanted, held = np.asarray(first[own].values, float), np.asarray(data[other].values, float)
+        index = _places(wanted, held, kind)
+        if index is None:
+            continue
+        if len(index) != len(held) or np.abs(held - wanted).max() > NEAR:
+            called = {"longitude": "longitudes", "latitude": "latitudes"}.get(kind, f'values of "{other}"')
+            notes.append(f"{os.path.basename(path)}: its {called} brought to those of the other files")
+            data = data.isel({dim: index})
+        data = data.assign({other: (data[other].dims, first[own].values, data[other].attrs)})
+    return _turned(first, data, name)
+
+
+def _along(data: xr.Dataset, dim: str) -> tuple[str, str] | None:
+    """Return the coordinate along a dimension of a grid, and its role, "longitude", "latitude" or "plane"."""
+    along = [str(n) for n, v in data.variables.items() if v.dims == (dim,) and np.issubdtype(v.dtype, np.number)]
+    for name in sorted(along, key=lambda n: n != dim):
+        role = naming.role(name, data[name].attrs)
+        if role is not None:
+            return name, role
+    planar = dim in along and component.axis_of(data, dim) is not None
+    return (dim, "plane") if planar else None
+
+
+def _places(wanted: Array, held: Array, kind: str) -> NDArray[np.int64] | None:
+    """Return where in `held` each of the wanted coordinates is; None where some are not there, or are thinned out."""
+    if min(wanted.size, held.size) < 2 or not (np.isfinite(wanted).all() and np.isfinite(held).all()):
+        return None
+    step = float(np.median(np.abs(np.diff(wanted))))
+    if kind == "longitude":
+        wanted, held = wanted % 360.0, held % 360.0
+    order = np.argsort(held, kind="stable")
+    after = np.searchsorted(held[order], wanted)
+    beside = np.stack([order[(after + k) % len(held)] for k in (-1, 0)])
+    apart = _apart(held[beside], wanted, kind)
+    index = beside[apart.argmin(axis=0), np.arange(len(wanted))]
+    if (apart.min(axis=0) > NEAR * step).any():
+        return None
+    jumps = np.diff(index) % len(held)  # two grids of other steps may share points
+    return np.asarray(index, np.int64) if np.median(np.minimum(jumps, len(held) - jumps)) <= 1 else None
+
+
+def _apart(one: Array, other: Array, kind: str) -> Array:
+    apart = np.abs(one - other) % 360.0 if kind == "longitude" else np.abs(one - other)
+    return np.asarray(np.minimum(apart, 360.0 - apart)) if kind == "longitude" else apart
+
+
+def _turned(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
+    """Return a dataset whose curved grid has its rows and columns in the order of another, and its coordinates."""
+    dims = [str(d) for d in first[name].dims if d in data[name].dims]
+    pairs = []
+    for role in ("longitude", "latitude"):
+        own, other = (_curved(held, dims, role) for held in (first, data))
+        if own is None or other is None or first[own].shape != data[other].transpose(*first[own].dims).shape:
+            return data
+        pairs.append((own, other, role))
+    along = first[pairs[0][0]].dims
+    for flips in ((1, 1), (-1, 1), (1, -1), (-1, -1)):
+        turned = data.isel({d: slice(None, None, flip) for d, flip in zip(along, flips, strict=True)})
+        if all(_same(first[own], turned[other].transpose(*first[own].dims), role) for own, other, role in pairs):
+            return turned.assign(
+                {other: (first[own].dims, first[own].values, data[other].attrs) for own, other, _ in pairs}
+            )
+    return data
+
+
+def _curved(data: xr.Dataset, dims: Sequence[str], role: str) -> str | None:
+    """Return the coordinates of a role over two dimensions of a grid; None where there are none, or several."""
+    found = [
+        str(n)
+        for n, v in data.variables.items()
+        if v.ndim == 2 and set(map(str, v.dims)) <= set(dims) and naming.role(str(n), v.attrs) == role
+    ]
+    return found[0] if len(found) == 1 else None
+
+
+def _same(own: xr.DataArray, other: xr.DataArray, role: str) -> bool:
+    wanted, held = np.asarray(own.values, float), np.asarray(other.values, float)
+    there = np.isfinite(wanted) & np.isfinite(held)
+    same = np.array_equal(np.isfinite(wanted), np.isfinite(held))
+    return same and bool((_apart(wanted, held, role)[there] <= SAME).all())

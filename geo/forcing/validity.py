@@ -1,0 +1,206 @@
+"""Which values of a variable its file says are valid: its valid range, and quality flags that stand beside it.
+
+The range (`valid_range`, `valid_min`, `valid_max`) of packed values counts packed numbers, unless it is of a floating
+type and they are not (NetCDF Users' Guide, appendix A). Flags are those of the CF conventions, section 3.5: variables
+that `ancillary_variables` lists or whose standard name says that they are flags of the variable. Their meanings, in
+words, say which values are bad.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from geo.array import Array
+from geo.forcing.derived import Part, derive, values_of
+
+LIMITS = ("valid_range", "valid_min", "valid_max")
+BAD = re.compile(
+    r"bad|fail|invalid|erroneous|error|missing|reject|unreliable|corrupt|spike|not_valid|do_not_use|out_of_range"
+    r"|unusable|poor|no_data|land|ice(?![a-z])|wrong|impossible|below_detection|above_detection",
+    re.IGNORECASE,
+)
+GOOD = re.compile(
+    r"^(no|not|without|free_of|probably_good|good|passe?d?|ok|valid)(_|$)|not_(bad|missing|failed)|no_(bad|error)",
+    re.IGNORECASE,
+)
+FLAGS = ("quality_flag", "status_flag", "aggregate_quality_flag")
+
+
+@dataclass(frozen=True)
+class Flags:
+    """A flag variable: its name, a test of its numbers for bad ones, and the meanings of bad ones and of the others."""
+
+    name: str
+    variable: xr.Variable
+    is_bad: Callable[[Array], NDArray[np.bool_]]
+    bad: tuple[str, ...]
+    kept: tuple[str, ...]
+
+
+def apply(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable:
+    """Return a variable whose values are missing where its file says that they are not valid; notes is added to."""
+    variable = data.variables[name]
+    limits = valid_limits(variable.attrs, variable.encoding)
+    flags = _flags(data, name)
+    if limits is None and not flags:
+        return variable
+    if limits is not None:
+        ends = (("below", limits[0]), ("above", limits[1]))
+        bounds = " or ".join(f"{side} {end:.6g}" for side, end in ends if np.isfinite(end))
+        stated = ", ".join(key for key in LIMITS if key in variable.attrs)
+        units = str(variable.attrs.get("units", "")).strip()
+        notes.append(
+            f'"{name}": values {bounds} {units}, outside its {stated}, are missing (plausible = true to take them)'
+        )
+    for flag in flags:
+        kept = f"; kept: {', '.join(flag.kept)}" if flag.kept else ""
+        notes.append(
+            f'"{name}": values that "{flag.name}" calls {", ".join(flag.bad)} are missing{kept} (plausible = true to '
+            "take them all)"
+        )
+
+    low, high = limits or (-np.inf, np.inf)
+    grain = 0.0 if limits is None else _grain(limits, variable.encoding)
+
+    def read(part: Part) -> Array:
+        values = values_of(variable, part)
+        with np.errstate(invalid="ignore"):
+            wrong = (values < low - grain) | (values > high + grain)
+        for flag in flags:
+            wrong |= flag.is_bad(_along(flag.variable, variable, part))
+        values[wrong] = np.nan
+        return values
+
+    return derive(variable, read)
+
+
+def valid_limits(attributes: Mapping[str, Any], packing: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Return the (least, greatest) valid value of a variable once unpacked; None where its attributes state none."""
+    low, high = -np.inf, np.inf
+    whole, ends = _numbers(attributes.get("valid_range"), packing), []
+    if whole is not None and whole.size == 2:
+        low, high = float(whole.min()), float(whole.max())
+    for key in ("valid_min", "valid_max"):
+        end = _numbers(attributes.get(key), packing)
+        ends.append(float(end[0]) if end is not None and end.size == 1 and np.isfinite(end[0]) else None)
+    packed_upside_down = float(packing.get("scale_factor", 1.0)) < 0 and None not in ends
+    if packed_upside_down:
+        ends = ends[::-1]
+    low, high = (low if ends[0] is None else ends[0]), (high if ends[1] is None else ends[1])
+    return (low, high) if low < high and (np.isfinite(low) or np.isfinite(high)) else None
+
+
+def _grain(limits: tuple[float, float], packing: Mapping[str, Any]) -> float:
+    """Return by how much rounding may put a value that is at its limit beyond it."""
+    kind = np.dtype(packing.get("dtype") or np.float32)
+    if kind.kind in "iu" and _packed(packing):
+        return abs(float(packing.get("scale_factor", 1.0))) / 2
+    ends = [abs(end) for end in (*limits, float(packing.get("add_offset", 0.0))) if np.isfinite(end)]
+    return 4 * float(np.finfo(np.float32).eps) * max(ends)
+
+
+def unpacked(attributes: Mapping[Any, Any], packing: Mapping[str, Any]) -> dict[Any, Any]:
+    """Return attributes whose limits, of a variable that is unpacked already, count unpacked values."""
+    if not _packed(packing) or not any(key in attributes for key in LIMITS):
+        return dict(attributes)
+    limits = valid_limits(attributes, packing)
+    rest = {key: value for key, value in attributes.items() if key not in LIMITS}
+    return rest if limits is None else rest | {"valid_range": np.array(limits)}
+
+
+def _packed(packing: Mapping[str, Any]) -> bool:
+    return "scale_factor" in packing or "add_offset" in packing
+
+
+def _numbers(stated: Any, packing: Mapping[str, Any]) -> Array | None:
+    """Return numbers of an attribute in the unit of unpacked values; None where it holds none."""
+    if stated is None or isinstance(stated, str):
+        return None
+    numbers = np.ravel(np.asarray(stated))
+    if not np.issubdtype(numbers.dtype, np.number):
+        return None
+    kind = np.dtype(packing.get("dtype") or np.float64)
+    unsigned = kind.kind == "u" or (kind.kind == "i" and str(packing.get("_Unsigned", "")).lower() == "true")
+    if unsigned and numbers.dtype.kind == "i":
+        numbers = numbers.astype(np.int64) % (1 << (8 * kind.itemsize))
+    unpacked = numbers.dtype.kind == "f" and kind.kind in "iu"
+    if _packed(packing) and not unpacked:
+        scale, offset = float(packing.get("scale_factor", 1.0)), float(packing.get("add_offset", 0.0))
+        return numbers.astype(np.float64) * scale + offset
+    return numbers.astype(np.float64)
+
+
+def _flags(data: xr.Dataset, name: str) -> list[Flags]:
+    """Return the flags of a variable that call some of their numbers bad."""
+    variable = data.variables[name]
+    listed = str(variable.attrs.get("ancillary_variables", "")).replace(",", " ").split()
+    others = {n for v in data.variables.values() for n in str(v.attrs.get("ancillary_variables", "")).split()}
+    standard = str(variable.attrs.get("standard_name", "")).strip()
+    own = {f"{standard} {flag}" for flag in FLAGS} if standard else set()
+    found = []
+    for other in map(str, data.variables):
+        held = data.variables[other]
+        said = re.sub(r"\s+", " ", str(held.attrs.get("standard_name", "")).strip())
+        of_all = said in FLAGS and other not in others
+        if other == name or not (other in listed or said in own or of_all):
+            continue
+        if "flag_meanings" in held.attrs and set(held.dims) <= set(variable.dims):
+            flags = _read(other, held)
+            found += [flags] if flags is not None and flags.bad else []
+    return found
+
+
+def _read(name: str, variable: xr.Variable) -> Flags | None:
+    """Return what a flag variable says; None where its attributes do not fit each other."""
+    meanings = str(variable.attrs["flag_meanings"]).replace(",", " ").split()
+    values, masks = (_whole(variable, key) for key in ("flag_values", "flag_masks"))
+    if values is None and masks is None:
+        return None
+    count = len(meanings)
+    if any(numbers is not None and numbers.size != count for numbers in (values, masks)):
+        return None
+    wrong = [bool(BAD.search(word)) and not GOOD.search(word) for word in meanings]
+    bad = tuple(word for word, is_bad in zip(meanings, wrong, strict=True) if is_bad)
+    kept = tuple(word for word, is_bad in zip(meanings, wrong, strict=True) if not is_bad)
+    bits = _bits(variable)
+
+    def is_bad(numbers: Array) -> NDArray[np.bool_]:
+        there = np.isfinite(numbers)
+        held = np.where(there, numbers, 0).astype(np.int64) & bits
+        result = np.zeros(numbers.shape, bool)
+        for k in np.flatnonzero(wrong):
+            mask = bits if masks is None else int(masks[k])
+            hit = (held & mask) != 0 if values is None else (held & mask) == int(values[k])
+            result |= hit
+        return result & there
+
+    return Flags(name, variable, is_bad, bad, kept)
+
+
+def _bits(variable: xr.Variable) -> int:
+    """Return a number with all bits of a flag variable as it is stored."""
+    kind = np.dtype(variable.encoding.get("dtype") or variable.dtype)
+    return (1 << min(8 * kind.itemsize, 62)) - 1 if kind.kind in "iu" else (1 << 62) - 1
+
+
+def _whole(variable: xr.Variable, key: str) -> NDArray[np.int64] | None:
+    stated = variable.attrs.get(key)
+    if isinstance(stated, str):
+        stated = [float(number) for number in re.findall(r"-?\d+", stated)]
+    if stated is None:
+        return None
+    return np.ravel(np.asarray(stated)).astype(np.int64) & _bits(variable)
+
+
+def _along(flag: xr.Variable, variable: xr.Variable, part: Part) -> Array:
+    """Return part of a flag variable, shaped to fit the same part of the variable that it is of."""
+    dims = [dim for dim in variable.dims if not isinstance(part.get(str(dim)), int | np.integer)]
+    own = [dim for dim in flag.dims if dim in dims]
+    values = values_of(flag, part)
+    values = values.transpose([own.index(dim) for dim in dims if dim in own])
+    return values.reshape([values.shape[[d for d in dims if d in own].index(d)] if d in own else 1 for d in dims])

@@ -1,0 +1,61 @@
+"""ERA5 and its preliminary values: files whose dimension `expver` holds 1 (final) and 5 (preliminary, ERA5T).
+
+Each time is in one of the two, and missing in the other.
+"""
+
+import re
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from geo.array import Array
+from geo.forcing.derived import Part, derive, values_of
+
+NAME = "expver"
+
+
+def joined(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable:
+    """Return a variable without its dimension of versions, the least of those that have a value; notes is added to."""
+    variable = data.variables[name]
+    if variable.sizes.get(NAME, 1) < 2:
+        return variable
+    order, called = _order(data, variable.sizes[NAME])
+    note = f"{NAME} {' and '.join(called[k] for k in order)} joined: each value is of the first that has it"
+    if note not in notes:
+        notes.append(note)
+
+    def read(part: Part) -> Array:
+        values = values_of(variable, {**part, NAME: order[0]})
+        for k in order[1:]:
+            lacking = np.isnan(values)
+            if not lacking.any():
+                break
+            values[lacking] = values_of(variable, {**part, NAME: k})[lacking]
+        return values
+
+    return derive(variable, read, without=NAME)
+
+
+def along(data: xr.Dataset, dim: str | None) -> NDArray[np.int64] | None:
+    """Return the version at each time, where a file of the new format gives one, "0001" or "0005"; else None."""
+    if NAME not in data.variables or dim is None or data.variables[NAME].dims != (dim,):
+        return None
+    return np.array([_number(_text(value)) for value in data.variables[NAME].values.tolist()], np.int64)
+
+
+def _text(value: object) -> str:
+    return value.decode() if isinstance(value, bytes) else str(value)
+
+
+def _number(text: str) -> int:
+    hit = re.search(r"\d+", text)
+    return int(hit[0]) if hit else 10**6
+
+
+def _order(data: xr.Dataset, count: int) -> tuple[list[int], list[str]]:
+    """Return the indices of versions, final ones first, and what they are called."""
+    if NAME not in data.variables or data.variables[NAME].dims != (NAME,):
+        return list(range(count)), [str(k) for k in range(count)]
+    called = [_text(value) for value in data.variables[NAME].values.tolist()]
+    return sorted(range(count), key=lambda k: _number(called[k])), called
