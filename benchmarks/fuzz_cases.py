@@ -148,14 +148,8 @@ def places(here: Any, above: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     return [above, *(place for key, value in inner for place in places(value, (*above, key)))]
 
 
-def mutated(number: int) -> tuple[str, str]:
-    """Return what was done to a case, and its text."""
-    rng = random.Random(number)
-    data = copy.deepcopy(rng.choice(bases()))
-    if "particles" in data or "scenario" in data:
-        data["particles"] = 400
-    if "spill" in data:
-        data["spill"] |= {"worlds": 20, "per_world": 20}
+def changed(data: dict[str, Any], rng: random.Random) -> list[str]:
+    """Change a case's tables in one to three places; return what was done."""
     done = []
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         place = rng.choice(places(data)[1:])
@@ -180,6 +174,18 @@ def mutated(number: int) -> tuple[str, str]:
             holder[last] = copy.deepcopy(value)
         elif isinstance(holder[last], int | float) and not isinstance(holder[last], bool):
             holder[last] = holder[last] * rng.choice((-1, 0, 1e-9, 1e3, 1e9))
+    return done
+
+
+def mutated(number: int) -> tuple[str, str]:
+    """Return what was done to a case, and its text."""
+    rng = random.Random(number)
+    data = copy.deepcopy(rng.choice(bases()))
+    if "particles" in data or "scenario" in data:
+        data["particles"] = 400
+    if "spill" in data:
+        data["spill"] |= {"worlds": 20, "per_world": 20}
+    done = changed(data, rng)
     text = written(data)
     if rng.random() < 0.08:
         at = rng.randrange(len(text))

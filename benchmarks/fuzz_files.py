@@ -1,16 +1,19 @@
 """What damaged forcing files do to us: one line, the true values, other values, or something else, which must not be.
 
-netCDF-3 and -4 files of regular, packed, projected, staggered and triangular grids, some with checksums (Fletcher-32), and GRIB files of
-both editions, are damaged: bytes changed, cut off, blanked, doubled. Each is opened as `drift info` does and all its slices are read.
-"other values" is what damage does that nothing in the file can show: its digest in summary.json tells. "other values, checksums": 0.
+netCDF-3 and -4 files of regular, packed, projected, staggered and triangular grids, some with checksums (Fletcher-32), GRIB files of
+both editions, and Zarr stores of both formats are damaged: bytes changed, cut off, blanked, doubled. Each is opened as `drift info` does
+and all its slices are read. "other values" is what damage does that nothing in the file can show: its digest in summary.json tells.
+"other values, checksums": 0. A refusal of a Zarr store names the file in it that is damaged, or the array: "no place": 0.
 
-python benchmarks/fuzz_files.py [--netcdf 500] [--grib 200] [--seed 0]
+python benchmarks/fuzz_files.py [--netcdf 500] [--grib 200] [--zarr 250] [--seed 0]
 """
 
 import argparse
 import random
+import shutil
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -22,9 +25,12 @@ import watched
 import writers
 import xarray as xr
 
+from geo.errors import UserError
+
 GRIB = 1_000_000  # numbers of the trials of GRIB files begin here
-SUMMED = "other values, checksums"
-watched.NEVER = (*watched.NEVER, SUMMED)
+ZARR = 2_000_000  # and those of Zarr stores here
+SUMMED, PLACELESS = "other values, checksums", "no place"
+watched.NEVER = (*watched.NEVER, SUMMED, PLACELESS)
 
 
 def checked(path: Path) -> Path:
@@ -63,6 +69,13 @@ def grib(path: Path, edition: int) -> Path:
     )
 
 
+def zarr_store(path: Path, edition: int) -> Path:
+    """Write the regular grid as a Zarr store, each slice a chunk, with metadata of arrays apart and together."""
+    with xr.open_dataset(writers.regular(path.with_suffix(".plain")), decode_times=False) as data:
+        data.chunk(time=1).to_zarr(path, zarr_format=edition, consolidated=edition == 2)
+    return path
+
+
 def truth(path: Path) -> list[np.ndarray]:
     """Return all slices of all that a file holds, as `drift info` would read them."""
     from geo.forcing import describe
@@ -93,6 +106,49 @@ def damaged(content: bytes, rng: random.Random) -> tuple[str, bytes]:
     else:
         data[at] ^= 1 << rng.randrange(8)
     return kind, bytes(data)
+
+
+def zarr_trials(numbers: list[int]) -> None:
+    """Damage and read Zarr stores, one a number: of each, one file in it."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        wholes: dict[int, tuple[Path, list[np.ndarray]]] = {}
+        for number in numbers:
+            rng = random.Random(number)
+            edition = rng.choice((2, 3))
+            if edition not in wholes:
+                whole = zarr_store(folder / f"whole{edition}.zarr", edition)
+                wholes[edition] = whole, truth(whole)
+            whole, values = wholes[edition]
+            path = folder / f"{number}.zarr"
+            shutil.copytree(whole, path)
+            victim, kind = damaged_store(path, rng)
+            watched.trial(number, f"zarr{edition} {kind} {victim}", partial(read_store, path, values))
+            shutil.rmtree(path)
+
+
+def damaged_store(path: Path, rng: random.Random) -> tuple[str, str]:
+    """Damage a file of a Zarr store; return which, and what was done to it."""
+    victim = rng.choice(sorted(file for file in path.rglob("*") if file.is_file()))
+    if rng.random() < 0.1:
+        victim.unlink()
+        return str(victim.relative_to(path)), "gone"
+    kind, bad = damaged(victim.read_bytes(), rng)
+    victim.write_bytes(bad)
+    return str(victim.relative_to(path)), kind
+
+
+def read_store(path: Path, values: list[np.ndarray]) -> str:
+    """Read a Zarr store; return what came of it, and raise what a refusal with a place raises."""
+    try:
+        seen = truth(path)
+    except UserError as error:
+        if not any(word in str(error) for word in (f"{path.name}/", f"{path.name}:", "variable", "array")):
+            return PLACELESS
+        raise
+    same = len(seen) == len(values)
+    same = same and all(np.array_equal(a, b, equal_nan=True) for a, b in zip(seen, values, strict=True))
+    return "true values" if same else "other values"
 
 
 def trials(numbers: list[int]) -> None:
@@ -129,13 +185,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--netcdf", type=int, default=500)
     parser.add_argument("--grib", type=int, default=200)
+    parser.add_argument("--zarr", type=int, default=250)
     parser.add_argument("--seed", type=int, default=0, help="of the first file")
     parser.add_argument("--trials", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.trials is not None:
-        trials([int(number) for number in given.trials.split(",")])
+        numbers = [int(number) for number in given.trials.split(",")]
+        trials([number for number in numbers if number < ZARR])
+        zarr_trials([number for number in numbers if number >= ZARR])
         return
-    for title, first, count in (("netCDF", given.seed, given.netcdf), ("GRIB", GRIB + given.seed, given.grib)):
+    kinds = (
+        ("netCDF", given.seed, given.netcdf),
+        ("GRIB", GRIB + given.seed, given.grib),
+        ("Zarr", ZARR + given.seed, given.zarr),
+    )
+    for title, first, count in kinds:
         print(f"\n{title}")
         watched.table(watched.run(__file__, range(first, first + count)))
 

@@ -1,7 +1,6 @@
 """Text of times, positions, directions and shares as a planner reads them, and of times as ISO 8601."""
 
 import math
-from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -18,11 +17,13 @@ MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", 
 def group(moment: Any) -> str:
     """Return a time (np.datetime64, UTC) as a date-time group (ACP 121), 211830ZNOV26.
 
-    Seconds are dropped. The year has two digits in this century, which a reader assumes, and four in any other.
+    Seconds are dropped. The year has two digits in this century, which a reader assumes, and all in any other: damaged
+    files hold times that Python's own dates do not reach.
     """
-    when: datetime = np.asarray(moment).astype("datetime64[s]").item()
-    year = f"{when.year % 100:02d}" if 2000 <= when.year < 2100 else f"{when.year:04d}"
-    return f"{when.day:02d}{when.hour:02d}{when.minute:02d}Z{MONTHS[when.month - 1]}{year}"
+    date, clock = str(np.asarray(moment).astype("datetime64[s]")).split("T")
+    year, month, day = date.rsplit("-", 2)
+    short = year[2:] if year.startswith("20") and len(year) == 4 else year
+    return f"{day}{clock[:2]}{clock[3:5]}Z{MONTHS[int(month) - 1]}{short}"
 
 
 def day_time(moment: Any) -> str:

@@ -6,11 +6,14 @@
 import contextlib
 import ctypes
 import io
+import logging
 import math
 import os
+import tempfile
 import threading
 import weakref
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import taichi as ti
@@ -23,6 +26,9 @@ from geo.errors import UserError
 from kernels import reading
 from kernels.memory import CGROUPS
 
+LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
+LEAST_SPACE = "2 to 3 GiB"  # that a small run maps, of which it uses a tenth
+NAMED = "TI_OFFLINE_CACHE_FILE_PATH"  # environment variable by which Taichi is told where compiled kernels are kept
 BACKENDS = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
 
 _started: dict[str, object] = {}
@@ -99,7 +105,7 @@ def start(backend: str = "cpu", threads: int | None = None) -> None:
                     cfg_optimization=False,
                     advanced_optimization=backend != "cpu",  # likewise: half of the time of compiling
                     log_level=ti.ERROR,
-                    offline_cache=True,
+                    **_caching(),
                     cpu_max_num_threads=count,
                 )
                 # Only the thread of ti.init may lay out the (empty) tree of fields, which otherwise happens at the
@@ -107,11 +113,46 @@ def start(backend: str = "cpu", threads: int | None = None) -> None:
                 impl.get_runtime().materialize()
                 reading.quicken()
         except Exception as error:
-            raise UserError(
-                f"--backend: {backend!r} is not available on this machine ({str(error).splitlines()[0]}); "
-                "use --backend cpu"
-            ) from error
+            raise _not_started(backend, error) from error
         _started.update(backend=backend, threads=count, thread=threading.get_ident())
+
+
+def _caching() -> dict[str, object]:
+    """Return Taichi's options for keeping compiled kernels from run to run, where its folder can be written.
+
+    Where it cannot, as in a read-only home, Taichi would end the process by a segmentation fault, last of all, when it
+    makes the folder. So kernels are not kept, and it is given a folder that is there: its own.
+    """
+    cache = Path(os.environ.get(NAMED) or impl.default_cfg().offline_cache_file_path)
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=cache):
+            pass
+        for file in cache.glob("*.tcb"):  # it may be another user's
+            file.open("ab").close()
+    except OSError as error:
+        LOG.warning(
+            "drift: the cache %s cannot be written (%s), so every run compiles its kernels again; name another folder "
+            "in the environment variable %s",
+            cache,
+            error.strerror,
+            NAMED,
+        )
+        os.environ.pop(NAMED, None)  # Taichi would warn that it does not count
+        return {"offline_cache": False, "offline_cache_file_path": str(Path(ti.__file__).parent)}
+    return {"offline_cache": True}
+
+
+def _not_started(backend: str, error: Exception) -> UserError:
+    """Return in words why a backend does not start; what helps is another one only where it was a graphics card's."""
+    why = (str(error).splitlines() or [type(error).__name__])[0]
+    if "emory" in why:
+        return UserError(
+            f"the memory does not suffice to start the backend {backend!r} ({why}); it takes {LEAST_SPACE} of address space: "
+            "raise the limit (ulimit -v), or give the process more memory"
+        )
+    remedy = "reinstall taichi (pip install --force-reinstall taichi)" if backend == "cpu" else "use --backend cpu"
+    return UserError(f"--backend: {backend!r} is not available on this machine ({why}); {remedy}")
 
 
 def _check_same(backend: str, threads: int | None) -> None:

@@ -31,6 +31,8 @@ STEP = 0.02  # step of a logarithm for derivatives: their error is some 1e-4 of 
 RANGE = 9.0  # logarithm of how far from a first guess K and the fixes' error may lie
 NOTHING = 1e-3  # share of the first guess at which K counts as none
 ROUNDING = 1e-2 / 60  # [m/sqrt(s)] a centimetre in an hour: as much as coordinates with seven decimals stray by
+LARGEST = 2e7  # [m] largest error of a fix: half round the Earth
+FLAT = 1e-9  # share of a log likelihood below which its differences are rounding
 SHARES = (0.5, 0.9)
 DAY = 86_400.0
 
@@ -152,8 +154,8 @@ def fit(
     """
     if method not in METHODS:
         raise UserError(f'--by "{method}" is not known; choose from {", ".join(METHODS)}')
-    if error is not None and not 0 <= error < math.inf:
-        raise UserError(f"--error {error!r} must be at least 0 m")
+    if error is not None and not 0 <= error <= LARGEST:
+        raise UserError(f"--error {error!r} must be from 0 to {LARGEST:g} m")
     rules = rules or Rules()
     cut = stretches.cut(tracks, rules)
     best = _likeliest(METHODS[method], cut.stretches, error, "tracks")
@@ -204,7 +206,9 @@ def _likeliest(method: Method, of: Sequence[Stretch], error: float | None, what:
 
     point = _highest(lambda p: float(own(p).sum()), guess, _lengths(of), error)
     spread = math.exp(point[0])
-    if spread < NOTHING * guess:
+    none = point - np.array([RANGE + math.log(spread / guess), *[0.0] * (point.size - 1)])
+    best, least = (float(own(p).sum()) for p in (point, none))
+    if spread < NOTHING * guess or not best - least > FLAT * max(abs(best), 1.0):
         if error == 0:
             raise UserError(straight)
         told = "that was fitted" if error is None else f"of {error:g} m (standard deviation)"
@@ -214,6 +218,11 @@ def _likeliest(method: Method, of: Sequence[Stretch], error: float | None, what:
         )
     free = [0, 1] if error is None and point[1] > math.log(NOTHING * _lengths(of)) else [0]
     inverse, scores = _derivatives(own, point, free)
+    if not (np.diag(inverse) > 0).all():
+        raise UserError(
+            f"{what}: no spread rate is likelier than all others by what these fixes say; give --error, which then is not fitted, "
+            "or more tracks"
+        )
     curvature = spread * math.sqrt(inverse[0, 0])
     clustered = math.nan
     if scores.shape[0] >= ENOUGH:
@@ -253,7 +262,10 @@ def _highest(log: Callable[[Array], float], guess: float, length: float, error: 
 
 
 def _derivatives(own: Callable[[Array], Array], point: Array, free: Sequence[int]) -> tuple[Array, Array]:
-    """Return the inverse of the observed information of the logarithms, and their scores by track (tracks, free)."""
+    """Return the inverse of the observed information of the logarithms, and their scores by track (tracks, free).
+
+    The inverse is NaN where the likelihood is flat.
+    """
     unit = STEP * np.eye(point.size)[list(free)]
     up, down = (np.stack([own(point + sign * step) for step in unit], -1) for sign in (1, -1))
     centre = own(point).sum()
@@ -262,7 +274,11 @@ def _derivatives(own: Callable[[Array], Array], point: Array, free: Sequence[int
     if size > 1:
         corners = [own(point + a * unit[0] + b * unit[1]).sum() * a * b for a in (1, -1) for b in (1, -1)]
         information[0, 1] = information[1, 0] = -sum(corners) / (4 * STEP**2)
-    return np.linalg.inv(information), (up - down) / (2 * STEP)
+    scores = (up - down) / (2 * STEP)
+    try:
+        return np.linalg.inv(information), scores
+    except np.linalg.LinAlgError:  # flat to rounding
+        return np.full((size, size), np.nan), scores
 
 
 def _held_out(method: Method, of: Sequence[Stretch], error: float | None) -> Held:

@@ -1,10 +1,11 @@
 """The command line `drift`: which command is done, and how the process ends.
 
-Exit status: 0, 2 for the user's errors (a line each), 1 for ours, 130 when interrupted, 143 when asked to end. Nothing
-heavy is imported before the command that needs it, so that help and lists come at once.
+Exit status: 0, 2 for the user's errors (a line each), 1 for ours, 130 when interrupted, 143 when asked to end, 129
+when its terminal went. Nothing heavy is imported before the command that needs it, so that help and lists come at once.
 """
 
 import argparse
+import logging
 import os
 import sys
 import tempfile
@@ -40,7 +41,11 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], Answer]] = {
     "serve": serve.run,
 }
 
-NO_MEMORY = "emory allocation"  # what Taichi says, in a RuntimeError
+NO_MEMORY = (
+    "emory allocation",
+    "failed to map segment",
+    "annot allocate memory",
+)  # what libraries say, in errors of all kinds
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -49,6 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # NumPy's, which a user cannot mend; tests take them as errors.
     warnings.filterwarnings("ignore", category=RuntimeWarning)
     warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # the map shows a box in its place
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # of a home that cannot be written it warns at length
     if os.name == "posix" and not os.environ.get("HOME"):  # Taichi aborts at import without one
         home = os.path.expanduser("~")
         os.environ["HOME"] = home if os.path.isdir(home) else tempfile.gettempdir()
@@ -63,17 +69,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(interrupt.INTERRUPTED, file=sys.stderr)
         return _failed(argv, 130, [interrupt.INTERRUPTED])
-    except interrupt.Terminated:
-        print(interrupt.TERMINATED, file=sys.stderr)
-        return _failed(argv, 143, [interrupt.TERMINATED])
+    except interrupt.Terminated as asked:
+        with suppress(OSError):  # the terminal may have gone
+            print(interrupt.TERMINATED, file=sys.stderr, flush=True)
+        return _failed(argv, 128 + asked.number, [interrupt.TERMINATED])
     except BrokenPipeError:  # the reader left, as in `drift objects | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except SystemExit as leaving:  # argparse's --help
         return int(leaving.code or 0)
     except Exception as error:
-        if isinstance(error, MemoryError) or NO_MEMORY in str(error):
-            words = f"the memory does not suffice ({error or 'nothing more to be had'}); take fewer particles"
+        if isinstance(error, MemoryError) or any(words in str(error) for words in NO_MEMORY):
+            # A library that cannot be loaded has not come to any particles.
+            fewer = "" if isinstance(error, ImportError | OSError) else "take fewer particles, or "
+            why = str(error) or "nothing more to be had"
+            words = f"the memory does not suffice ({why}); {fewer}raise the limit (ulimit -v), if there is one"
             print(f"drift: {words}", file=sys.stderr)
             return _failed(argv, 2, [words])
         traceback.print_exc()
@@ -120,7 +130,7 @@ def leave() -> None:
     An interrupted run ends at once, as taking Taichi down takes a second.
     """
     status = main()
-    if status in (130, 143):  # all is unwound, nothing is left to write
+    if status in (129, 130, 143):  # all is unwound, nothing is left to write
         for stream in (sys.stdout, sys.stderr):
             with suppress(OSError, ValueError):
                 stream.flush()

@@ -9,6 +9,8 @@ from typing import Any
 
 from geo.errors import UserError
 
+FARTHEST = 20_000_000.0  # [m] no two points of the Earth are farther apart
+
 
 def case(name: str, changes: Sequence[str], seed: int | None, option: str = "--set") -> Any:
     """Return a case file or a shipped case with its changes."""
@@ -68,8 +70,8 @@ def probable_error(text: str) -> float:
         radius = units.quantity(text, "m", "length", "10 m")
     except ValueError as error:
         raise UserError(f'--error: {error}; or write "fit"') from None
-    if not radius >= 0:
-        raise UserError(f'--error "{text}" must be at least 0')
+    if not 0 <= radius <= FARTHEST:
+        raise UserError(f'--error "{text}" must be from 0 to {FARTHEST / 1000:,.0f} km, half round the Earth')
     return radius / math.sqrt(2 * math.log(2))
 
 
@@ -81,9 +83,7 @@ def box(text: str) -> Any:
     try:
         west, south, east, north = (float(part) for part in text.split(","))
     except ValueError:
-        raise UserError(
-            f'--without "{text}" must be west,south,east,north in degrees, like 32.2,29.95,32.7,31.25'
-        ) from None
+        raise UserError(f'--without "{text}" must be west,south,east,north in degrees, like -98,18,-80,31') from None
     if not (-180 <= west <= 360 and -180 <= east <= 360 and -90 <= south < north <= 90):
         raise UserError(
             f'--without "{text}": longitudes are -180 to 360, latitudes -90 to 90, and south is below north; '

@@ -4,6 +4,7 @@ It imports nothing heavy, so that help comes at once.
 """
 
 import argparse
+import re
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,13 @@ EXAMPLES = """examples:
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose complaints are one line, like every other."""
+    """An argument parser whose complaints are one line, and to which a minus and a digit begin a value, not an option."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        """Take what argparse takes."""
+        super().__init__(*args, **options)
+        # argparse knows -98 as a value, but not -98,18,-80,31 nor -1e3 nor -3h.
+        self._negative_number_matcher = re.compile(r"^-\.?\d")
 
     def error(self, message: str) -> Any:
         """Refuse the command line."""
@@ -270,7 +277,7 @@ def _add_fit_bridge(commands: Any) -> None:
     fit.add_argument(
         "--without",
         metavar="BOX",
-        help="leave out the fixes in a box, west,south,east,north in degrees, like 32.2,29.95,32.7,31.25",
+        help="leave out the fixes in a box, west,south,east,north in degrees, like -98,18,-80,31",
     )
     fit.add_argument(
         "--hold-out",

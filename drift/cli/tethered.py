@@ -31,7 +31,8 @@ def enclose() -> None:
         program = [Path(place) for spec in specs for place in spec.submodule_search_locations or ()]
         # Where it is installed as it stands, what says its version lies beside the packages.
         about = [path for place in program for path in place.parent.glob("casp_drift*-info")]
-        landlock.enclose([*raised.folders, Path.cwd()], [*program, *about])
+        here = Path.cwd()
+        landlock.enclose([*raised.folders, here], [*program, *about], [*raised.writable, here])
 
 
 def _watch() -> None:

@@ -36,6 +36,8 @@ LONGEST_LINE = 1200  # letters
 GIB = 2**30  # [bytes]
 GRACE = 10.0  # [s] from asking a process to end to ending it by force
 
+CRASHES = ("SIGSEGV", "SIGBUS", "SIGILL", "SIGFPE")  # these have other reasons than a lack of memory
+
 Lane = asyncio.Queue["Job"]
 
 
@@ -186,8 +188,11 @@ class Jobs:
             return f"ended, as it took more than {self._limits.hours:g} h; drift serve --hours allows more"
         if status >= 0:
             return ""
-        most = f", which is limited to {self._limits.memory:.3g} GiB" if self._limits.memory < float("inf") else ""
         name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
+        if name in CRASHES:
+            whole = " after its results were whole" if job.out and (self._folder / job.out).is_dir() else ""
+            return f"a library crashed ({name}){whole}; try again, and report it with the case where it comes back"
+        most = f", which is limited to {self._limits.memory:.3g} GiB" if self._limits.memory < float("inf") else ""
         return f"ended by {name}, as happens where the memory does not suffice{most} (drift serve --memory)"
 
     def _environment(self, empty: str) -> dict[str, str]:

@@ -96,7 +96,7 @@ def _folder(folder: str | os.PathLike[str]) -> Path:
 
 
 def _allowed(folder: Path, allow: Sequence[str | os.PathLike[str]], hosts: Sequence[str]) -> fence.Fence:
-    """Return what cases may read."""
+    """Return what cases may read; results are written into the served folder."""
     folders = [folder, Path(str(resources.files("cases"))).resolve()]
     if data := os.environ.get("DRIFT_DATA"):
         folders.append(Path(data).resolve())
@@ -108,7 +108,7 @@ def _allowed(folder: Path, allow: Sequence[str | os.PathLike[str]], hosts: Seque
     for host in hosts:
         if not fence.PLACE.fullmatch(host):
             raise UserError(f'--allow-host "{host[:300]}": is no host, like thredds.met.no or localhost:8080')
-    return fence.Fence(tuple(folders), frozenset(host.lower() for host in hosts))
+    return fence.Fence(tuple(folders), frozenset(host.lower() for host in hosts), writable=(folder,))
 
 
 def _limits(hours: float, memory: float | None) -> Limits:

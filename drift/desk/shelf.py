@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from drift.desk import names
-from drift.output import manifest
+from drift.output import hidden, manifest
 
 LARGEST = 2**20  # [bytes] of a case: sixty times the largest that ships
 LARGEST_SUMMARY = 2**26  # [bytes]
+PATIENCE = 2.0  # [s] until another server has saved
 MOST = 1000  # entries that are listed of each kind
 TITLE = re.compile(r"""^title[ \t]*=[ \t]*(?:("(?:[^"\\\n]|\\.)*")|('[^'\n]*'))""", re.MULTILINE)
 SUMMARY, REPORT = "summary.json", "report.html"
@@ -44,9 +45,12 @@ def save(folder: Path, name: str, text: str, before: str | None) -> str:
     """Write a case, whole or not at all, and return its digest.
 
     before: its digest when it was read, None for one that must not be there yet. Raises Conflict, and writes nothing,
-    where it is otherwise by now.
+    where it is otherwise by now; OSError where another server saves in the folder and does not come to an end.
     """
-    return _written(folder, name, text.encode("utf-8"), before)
+    with hidden.alone(folder, PATIENCE) as free:  # else two servers may both find what they expect
+        if not free:
+            raise OSError(errno.EBUSY, "another program is at work in this folder; try again")
+        return _written(folder, name, text.encode("utf-8"), before)
 
 
 def _written(folder: Path, name: str, data: bytes, before: str | None) -> str:

@@ -23,7 +23,7 @@ from drift.tracks.records import Track, selected
 from geo import notation
 from geo.array import Array
 from geo.errors import UserError
-from geo.files import fence, small
+from geo.files import dataset, small
 from geo.forcing.quantity import QUANTITIES
 
 LARGEST = 1024 * 2**20  # [bytes] largest CSV file
@@ -212,15 +212,14 @@ def _moment(text: str) -> float:
 
 def _netcdf(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
     """Return the tracks of a netCDF file; raise ValueError where it holds none."""
-    fence.check(path)
     try:
-        with xr.open_dataset(path, decode_timedelta=False) as data:
+        with dataset.open_local(path, decode_timedelta=False) as data:
             return _tracks(data.load(), path, wanted)
-    except (UserError, OSError):
-        raise
-    except ValueError as error:
-        if "did not find a match" in str(error):
+    except OSError as error:
+        if "Unknown file format" in str(error):
             raise ValueError("is no netCDF file, whatever its name says; a table as text must be called .csv") from None
+        raise
+    except (UserError, ValueError):
         raise
     except Exception as error:  # libraries raise errors of all kinds over damaged files
         raise ValueError(f"cannot be read ({type(error).__name__}: {error})") from error

@@ -94,6 +94,8 @@ def _copy(pictures: Mapping[str, Draw], place: Path, next_one: int, copies: dict
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # that is for the owner, who ends its copies
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        if hasattr(signal, "SIGHUP"):
+            signal.signal(signal.SIGHUP, signal.SIG_IGN)  # likewise
         library.prctl(DIE_WITH_PARENT, signal.SIGKILL)
         for name in _turns(pictures, next_one) if os.getppid() == owner else ():
             with warnings.catch_warnings(record=True) as said:

@@ -1,4 +1,4 @@
-"""Ctrl-C and requests to end: exceptions that unwind a run, so that nothing half-written stays."""
+"""Ctrl-C, requests to end and terminals that go: exceptions that unwind a run, so that nothing half-written stays."""
 
 import contextlib
 import os
@@ -12,8 +12,18 @@ INTERRUPTED = "drift: interrupted; no half file is left"
 TERMINATED = "drift: asked to end; no half file is left"
 
 
+ENDS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
 class Terminated(BaseException):
-    """A request to end (SIGTERM): unwinds as Ctrl-C does, so that nothing half-written stays."""
+    """A request to end (SIGTERM), or a terminal that went (SIGHUP): unwinds as Ctrl-C does.
+
+    So nothing half-written stays. number: of the signal.
+    """
+
+    def __init__(self, number: int = signal.SIGTERM) -> None:
+        super().__init__(number)
+        self.number = int(number)
 
 
 _asked: list[int] = []  # signals to end that have come: the exception is lost where a destructor is running
@@ -34,7 +44,9 @@ def ending_cleanly() -> Iterator[None]:
 
     before, sys.unraisablehook = sys.unraisablehook, unraisable
     try:
-        with _on(signal.SIGTERM, end), _on(signal.SIGINT, end):
+        with contextlib.ExitStack() as stack:
+            for number in ENDS:
+                stack.enter_context(_on(number, end))
             yield
     finally:
         sys.unraisablehook = before
@@ -43,13 +55,13 @@ def ending_cleanly() -> Iterator[None]:
 def heed() -> None:
     """Leave if that was asked for."""
     if _asked:
-        raise Terminated if _asked[0] == signal.SIGTERM else KeyboardInterrupt
+        raise KeyboardInterrupt if _asked[0] == signal.SIGINT else Terminated(_asked[0])
 
 
 @contextlib.contextmanager
 def _on(number: signal.Signals, handler: Callable[[int, Any], None]) -> Iterator[None]:
-    """Handle a signal for a while; only a process's main thread can."""
-    if threading.current_thread() is not threading.main_thread():
+    """Handle a signal for a while; only a process's main thread can. One that is ignored (nohup) stays so."""
+    if threading.current_thread() is not threading.main_thread() or _ignored(number):
         yield
         return
     before = signal.signal(number, handler)
@@ -57,6 +69,11 @@ def _on(number: signal.Signals, handler: Callable[[int, Any], None]) -> Iterator
         yield
     finally:
         signal.signal(number, before if before is not None else signal.SIG_DFL)
+
+
+def _ignored(number: int) -> bool:
+    """Whether whoever started this process has it outlive its terminal."""
+    return number != signal.SIGINT and signal.getsignal(number) is signal.SIG_IGN
 
 
 @contextlib.contextmanager
@@ -67,11 +84,14 @@ def leaving_at_once() -> Iterator[None]:
     """
 
     def leave(number: int, frame: object) -> None:
-        asked = number == signal.SIGTERM
-        os.write(2, f"{TERMINATED if asked else INTERRUPTED}\n".encode())
+        asked = number != signal.SIGINT
+        with contextlib.suppress(OSError):  # the terminal may have gone
+            os.write(2, f"{TERMINATED if asked else INTERRUPTED}\n".encode())
         os._exit(128 + number)
 
-    with _on(signal.SIGINT, leave), _on(signal.SIGTERM, leave):
+    with contextlib.ExitStack() as stack:
+        for number in ENDS:
+            stack.enter_context(_on(number, leave))
         yield
 
 
@@ -84,7 +104,8 @@ def undisturbed() -> Iterator[None]:
     waiting: list[int] = []
     before = {
         number: signal.signal(number, lambda number, _: waiting.append(number))
-        for number in (signal.SIGINT, signal.SIGTERM)
+        for number in ENDS
+        if not _ignored(number)
     }
     try:
         yield

@@ -15,7 +15,7 @@ from geo import sphere
 from geo.array import Array
 from geo.box import Box
 from geo.errors import UserError
-from geo.files import fence
+from geo.files import dataset
 
 UP = ("height", "altitude", "elevation", "topography")
 DOWN = ("depth", "bathymetry")
@@ -23,11 +23,8 @@ DOWN = ("depth", "bathymetry")
 
 def shoals(source: Depth, box: Box, draught: float) -> Array:
     """Return polygons [deg] of what is shallower than a draught [m] in a box, or not known within the grid."""
-    import xarray as xr
-
-    fence.check(source.file)
     try:
-        with xr.open_dataset(source.file) as data:
+        with dataset.open_local(source.file) as data:
             lon, lat, depth = _grid(data, source)
             # Longitudes in the same turn as the box's.
             lon = sphere.east_of_degrees(lon, box.west)

@@ -16,7 +16,7 @@ from functools import partial
 from typing import Any
 
 from geo.errors import UserError
-from geo.files import dap, web
+from geo.files import dap, web, zarr_store
 from geo.files.child import limit, listen, send
 
 MEMORY = 4 * 2**30  # [bytes] of memory at most, so that a nonsensical length does not exhaust the machine's
@@ -126,7 +126,8 @@ def _open(address: str) -> Any:
     options: dict[str, Any] = {"decode_cf": False, "cache": False}
     if "create_default_indexes" in inspect.signature(xr.open_dataset).parameters:
         options["create_default_indexes"] = False  # so that coordinates are only read when asked for, piece by piece
-    return xr.open_dataset(address, **options)
+    with zarr_store.without_pickles():  # xarray takes some addresses for Zarr stores
+        return xr.open_dataset(address, **options)
 
 
 def header(data: Any) -> dict[str, Any]:

@@ -10,12 +10,13 @@ import os
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from geo.errors import UserError
-from geo.files import address, digest, fence, grib, messages
+from geo.files import address, digest, fence, grib, messages, zarr_store
 
 WHOLE = 2**28  # [bytes] a file up to this size is hashed whole, a larger one in 256 samples from its start to its end
 SAMPLE = 2**16  # [bytes] size of a sample
@@ -79,26 +80,16 @@ def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT, mend: s
     is_zarr = os.path.isdir(path)
     if not remote(path) and not is_zarr and not os.path.isfile(path):  # a pipe would wait for ever
         raise UserError(f'"{path}" is neither a file nor a folder; {where}')
-    if is_zarr and not any(os.path.exists(os.path.join(path, n)) for n in (".zgroup", ".zmetadata", "zarr.json")):
+    if is_zarr and not zarr_store.is_store(path):
         raise UserError(f'"{path}" is a folder, not a netCDF file or a Zarr store; {where}')
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # harmless: xarray's on several fill values, Zarr's on consolidation
             if remote(path):
                 return address.open_dataset(path, timeout)
-            if not is_zarr:
-                if messages.is_grib(path):
-                    return grib.open_file(path)
-                _refuse_truncated(path)
-            data = xr.open_dataset(
-                path,
-                # Without a name, xarray offers an unknown file to every backend that happens to be installed
-                engine="zarr" if is_zarr else "netcdf4",
-                decode_times=False,
-                decode_coords=False,
-                decode_timedelta=False,
-                cache=False,
-            )
+            if not is_zarr and messages.is_grib(path):
+                return grib.open_file(path)
+            data = open_local(path, decode_times=False, decode_coords=False, decode_timedelta=False, cache=False)
     except UserError as error:
         raise UserError(f"{error}; {where}") from error
     except Exception as error:  # backends raise OSError, ValueError, KeyError, RuntimeError and their own
@@ -106,6 +97,19 @@ def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT, mend: s
             raise UserError(f'cannot open the address "{path}" ({_one_line(error)}); {where}') from error
         raise UserError(f'"{path}" is not a netCDF file that can be read ({_why(path, error)}); {where}') from error
     return data
+
+
+def open_local(path: str | os.PathLike[str], **options: Any) -> xr.Dataset:
+    """Return the dataset of a netCDF file or a folder that is a Zarr store, as xarray opens it with options.
+
+    Without a named engine, xarray would offer the file to every backend that happens to be installed. Raises UserError
+    where a classic file is truncated, or a store is damaged or runs code; else what the netCDF library raises.
+    """
+    fence.check_store(os.fspath(path))
+    if os.path.isdir(path):
+        return zarr_store.open_store(os.fspath(path), **options)
+    _refuse_truncated(os.fspath(path))
+    return xr.open_dataset(path, engine="netcdf4", **options)
 
 
 def _refuse_truncated(path: str) -> None:
@@ -166,6 +170,8 @@ def readable(paths: Paths, quantity: str, mend: str = "") -> Iterator[None]:
         if not isinstance(error, FAULTS) and _raised_in(error) not in LIBRARIES:
             raise
         listed = [paths] if isinstance(paths, str | os.PathLike) else paths
+        if len(listed) == 1 and os.path.isdir(only := os.fspath(listed[0])):
+            raise UserError(f"{zarr_store.damage(only, error)}; {mend or f'set [[{quantity}]] files'}") from error
         named = ", ".join(f'"{os.fspath(path)}"' for path in listed)
         reason = f"{type(error).__name__}: {_one_line(error)}"
         raise UserError(

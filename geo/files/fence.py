@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from geo.errors import UserError
 
-NAME = "DRIFT_FENCE"  # {"folders": [...], "hosts": ["host" or "host:port", ...]} as JSON
+NAME = "DRIFT_FENCE"  # {"folders": [...], "hosts": ["host" or "host:port", ...], "writable": [...]} as JSON
 VARIABLES = {"DRIFT_DATA"}  # environment variables that a fenced case may use; others may be secrets
 ADVICE = "put it into the folder that is served, or start drift serve with --allow"
 PLACE = re.compile(
@@ -24,15 +24,17 @@ PLACE = re.compile(
 
 @dataclass(frozen=True)
 class Fence:
-    """Folders (and files), as real paths, and hosts that may be read."""
+    """Folders (and files), as real paths, and hosts that may be read; folders that may be written too."""
 
     folders: tuple[Path, ...] = ()
     hosts: frozenset[str] = frozenset()
+    writable: tuple[Path, ...] = ()  # held by the kernel alone (`geo.files.landlock`)
 
 
 def text(fence: Fence) -> str:
     """Return a fence as the environment variable holds it."""
-    return json.dumps({"folders": [str(folder) for folder in fence.folders], "hosts": sorted(fence.hosts)})
+    folders, writable = (list(map(str, some)) for some in (fence.folders, fence.writable))
+    return json.dumps({"folders": folders, "hosts": sorted(fence.hosts), "writable": writable})
 
 
 def raised() -> Fence | None:
@@ -42,7 +44,8 @@ def raised() -> Fence | None:
         return None
     try:
         held = json.loads(written)
-        return Fence(tuple(Path(folder) for folder in held["folders"]), frozenset(map(str, held["hosts"])))
+        folders, writable = (tuple(map(Path, held[key])) for key in ("folders", "writable"))
+        return Fence(folders, frozenset(map(str, held["hosts"])), writable)
     except (ValueError, KeyError, TypeError, RecursionError):
         return Fence()
 

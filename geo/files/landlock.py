@@ -1,11 +1,13 @@
-"""Files that this process and its children may read, held by the kernel: Linux' Landlock (5.19 or later).
+"""Files that this process and its children may read and write, held by the kernel: Linux' Landlock (5.19 or later).
 
 `geo.files.fence` looks at the names that a case gives. What a library opens by itself, such as the external links and
 external storage of a netCDF-4 file, it never sees: the kernel does. Names of files can still be listed and asked about.
 """
 
+import contextlib
 import ctypes
 import os
+import stat
 import struct
 import sys
 from collections.abc import Iterable
@@ -18,6 +20,9 @@ ARCHITECTURES = {"x86_64", "aarch64", "riscv64", "ppc64le", "s390x", "loongarch6
 VERSION = 1  # of CREATE_RULESET: asks which version the kernel has
 LEAST = 2  # version: the first could rename nothing from one folder into another
 READ_FILE, REFER = 1 << 2, 1 << 13  # REFER, renaming into another folder, is forbidden unless a rule allows it
+WRITE_FILE, TRUNCATE = 1 << 1, 1 << 14  # TRUNCATE from version 3 on
+REMOVE, MAKE = 0b11 << 4, 0b1111111 << 6  # files and folders; devices, folders, files, sockets, pipes and links
+DEVICES = 1 << 6 | 1 << 11
 PATH_BENEATH = 1  # kind of rule
 NO_NEW_PRIVILEGES = 38  # of prctl: without it only the superuser may restrict itself
 
@@ -27,9 +32,11 @@ SYSTEM = (
     *(f"/etc/{name}" for name in ("ld.so.cache", "localtime", "locale.alias", "fonts", "mime.types", "ssl", "pki", "ca-certificates")),
     *(f"/etc/{name}" for name in ("resolv.conf", "hosts", "host.conf", "nsswitch.conf", "gai.conf", "services")),
 )  # fmt: skip
+WRITABLE = ("/dev/null", "/dev/zero", "/dev/full")
 CACHES = ("casp-drift", "matplotlib", "taichi")
+CACHE_VARIABLES = ("DRIFT_CACHE", "MPLCONFIGDIR", "TI_OFFLINE_CACHE_FILE_PATH")  # that name caches
 VARIABLES = (  # that name files
-    "DRIFT_CACHE", "MPLCONFIGDIR", "TI_OFFLINE_CACHE_FILE_PATH", "ECCODES_DEFINITION_PATH", "PROJ_DATA", "PROJ_LIB", "GDAL_DATA",
+    *CACHE_VARIABLES, "ECCODES_DEFINITION_PATH", "PROJ_DATA", "PROJ_LIB", "GDAL_DATA",
     "SSL_CERT_FILE", "SSL_CERT_DIR", "LD_LIBRARY_PATH",
 )  # fmt: skip
 
@@ -45,26 +52,40 @@ def version() -> int:
     return found if found >= LEAST else 0
 
 
-def enclose(folders: Iterable[Path], program: Iterable[Path] = ()) -> bool:
-    """Let this thread, and what it starts from now on, read no files but those in folders, of a program and what Python needs.
+def enclose(folders: Iterable[Path], program: Iterable[Path] = (), writable: Iterable[Path] = ()) -> bool:
+    """Let this thread, and what it starts from now on, open no other files than these.
 
-    Call it before other threads are started. Files that are open already stay so. Returns whether the kernel holds it,
-    False where it has no Landlock; raises OSError where it has, and refuses.
+    It reads files in folders, of a program and what Python needs; it makes, writes, renames and removes files in
+    writable folders and in the caches. Call it before other threads are started. Files that are open already stay so.
+    Returns whether the kernel holds it, False where it has no Landlock; raises OSError where it has, and refuses.
     """
-    if not version():
+    held = version()
+    if not held:
         return False
     folders = list(folders)
-    rules = _call(CREATE_RULESET, struct.pack("=Q", READ_FILE | REFER), 8, 0)
+    writing = WRITE_FILE | REMOVE | MAKE | (TRUNCATE if held >= 3 else 0)
+    rules = _call(CREATE_RULESET, struct.pack("=Q", READ_FILE | REFER | writing), 8, 0)
     try:
         _allow(rules, Path("/"), REFER)
         for path in (*folders, *program, *_own(folders)):
             _allow(rules, path, READ_FILE)
+        for path in (*writable, *_caches(), *map(Path, WRITABLE)):
+            _allow(rules, path, READ_FILE | writing & ~DEVICES)
         if ctypes.CDLL(None).prctl(NO_NEW_PRIVILEGES, *map(ctypes.c_ulong, (1, 0, 0, 0))):
             raise OSError("no process may restrict itself here")
         _call(RESTRICT_SELF, rules, 0)
     finally:
         os.close(rules)
     return True
+
+
+def _caches() -> Iterable[Path]:
+    """Return the folders of caches, made where they can be: a folder that is not there can have no rule."""
+    named = [os.environ.get(name) for name in CACHE_VARIABLES]
+    for path in (*filter(None, named), *(platformdirs.user_cache_dir(name) for name in CACHES)):
+        with contextlib.suppress(OSError):
+            os.makedirs(path, exist_ok=True)
+        yield Path(path)
 
 
 def _own(folders: list[Path]) -> Iterable[Path]:
@@ -74,7 +95,10 @@ def _own(folders: list[Path]) -> Iterable[Path]:
     somebody happened to start Python.
     """
     yield from map(Path, SYSTEM)
-    yield from (Path(platformdirs.user_cache_dir(name)) for name in CACHES)
+    settings = Path(platformdirs.user_config_dir("matplotlib"))  # where it is not there and cannot be made, Matplotlib
+    with contextlib.suppress(OSError):  # puts its cache into a temporary folder, and makes it again each time
+        settings.mkdir(parents=True, exist_ok=True)
+    yield settings
     yield from (Path(part) for name in VARIABLES for part in os.environ.get(name, "").split(os.pathsep) if part)
     yield from map(Path, (sys.prefix, sys.base_prefix))
     others = [Path.home(), *folders]
@@ -91,6 +115,8 @@ def _allow(rules: int, path: Path, access: int) -> None:
     except OSError:
         return
     try:
+        if not stat.S_ISDIR(os.fstat(place).st_mode):
+            access &= READ_FILE | WRITE_FILE | TRUNCATE  # the kernel refuses rules of a file about others
         _call(ADD_RULE, rules, PATH_BENEATH, struct.pack("=Qi", access, place), 0)
     finally:
         os.close(place)

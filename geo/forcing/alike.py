@@ -118,7 +118,7 @@ def _with_dims(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
 def _kind(data: xr.Dataset, dim: str) -> str | None:
     """Return what lies along a dimension: "time", "level", "member", "x" or "y"; None for anything else."""
     held = data[dim].attrs if dim in data.variables else {}
-    if " since " in str(held.get("units", "")) or held.get("standard_name") == "time" or dim in clock.NAMES:
+    if " since " in str(held.get("units", "")) or str(held.get("standard_name", "")) == "time" or dim in clock.NAMES:
         return "time"
     if members.named(data, dim):
         return "member"

@@ -18,7 +18,7 @@ _NAMED = re.compile(
 def named(data: xr.Dataset, dim: str) -> bool:
     """Whether a dimension says by its name, or its coordinate's standard name, that members lie along it."""
     said = data[dim].attrs.get("standard_name", "") if dim in data.variables else ""
-    return said == "realization" or bool(_NAMED.match(dim))
+    return str(said) == "realization" or bool(_NAMED.match(dim))
 
 
 def along(data: xr.Dataset, dims: Iterable[str], wanted: bool | str) -> str | None:

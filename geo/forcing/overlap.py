@@ -84,7 +84,7 @@ def _runs(seconds: NDArray[np.int64], slices: Sequence[Slice]) -> list[_Run]:
 def _reference(data: xr.Dataset) -> int | None:
     """Return when a file says that its run began [s since 1970]; None where it does not."""
     for name, variable in data.variables.items():
-        if variable.attrs.get("standard_name") == "forecast_reference_time" and variable.size == 1:
+        if str(variable.attrs.get("standard_name", "")) == "forecast_reference_time" and variable.size == 1:
             try:
                 return int(clock.decode(data, str(name))[0].ravel()[0].astype("datetime64[s]").astype(np.int64))
             except UserError:

@@ -408,7 +408,7 @@ def _components(
     lent: dict[str, xr.Variable] = {}
     for path, data in others:
         own = {str(n): v for n, v in data.variables.items() if naming.of_grid(str(n), v.attrs) and "time" not in v.dims}
-        if not any(naming.LON.match(n) or v.attrs.get("standard_name") == "longitude" for n, v in own.items()):
+        if not any(naming.LON.match(n) or str(v.attrs.get("standard_name", "")) == "longitude" for n, v in own.items()):
             raise UserError(
                 f"{path} holds neither {pair.east} nor {pair.north}; take it out of [[{request.quantity}]] files"
             )

@@ -194,7 +194,10 @@ def _whole(variable: xr.Variable, key: str) -> NDArray[np.int64] | None:
         stated = [float(number) for number in re.findall(r"-?\d+", stated)]
     if stated is None:
         return None
-    return np.ravel(np.asarray(stated)).astype(np.int64) & _bits(variable)
+    numbers = np.ravel(np.asarray(stated))
+    if not numbers.size or not np.issubdtype(numbers.dtype, np.number) or not np.isfinite(numbers).all():
+        return None
+    return numbers.astype(np.int64) & _bits(variable)
 
 
 def _along(flag: xr.Variable, variable: xr.Variable, part: Part) -> Array:

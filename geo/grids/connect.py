@@ -75,7 +75,7 @@ def _connectivity(data: xr.Dataset, dim: str, mesh: Mesh | None, nodes: int | No
     known: larger indices are fill values that the file does not declare.
     """
     names = [mesh.connectivity] if mesh is not None and mesh.connectivity else []
-    names += [str(n) for n, v in data.variables.items() if v.attrs.get("cf_role") == "face_node_connectivity"]
+    names += [str(n) for n, v in data.variables.items() if str(v.attrs.get("cf_role", "")) == "face_node_connectivity"]
     for other in map(str, data.variables):
         if str(data[other].attrs.get("face_node_connectivity", "")) in data.variables:
             names.append(str(data[other].attrs["face_node_connectivity"]))

@@ -82,6 +82,13 @@ def locate(
     if len(dims) == 1:
         return replace(connect.triangles(data, name, dims[0], lon, lat, notes, mesh), projection=along), notes
     if lon.ndim == 1 and lat.ndim == 1:
+        sizes = tuple(int(data.sizes[d]) for d in dims)
+        crossed = dims[0] in data[lon_name].dims or dims[1] in data[lat_name].dims
+        if crossed or (len(lat), len(lon)) != sizes:
+            raise UserError(
+                f'"{lon_name}" ({len(lon)}) and "{lat_name}" ({len(lat)}) are not the columns and rows of "{name}" '
+                f"({dims[1]} = {sizes[1]}, {dims[0]} = {sizes[0]}); set variables = {{ lon = ..., lat = ... }}"
+            )
         return axes(lon, lat, lon_name, lat_name), notes
     lon, lat = _at_points(component, lon_name, lon, lat, notes)
     if _separable(lon, lat):

@@ -31,7 +31,7 @@ def pairs(data: xr.Dataset, chosen: Mapping[str, Any] | None = None) -> list[tup
         found.append((str(own["x"]), str(own["y"])))
     for topology in data.variables.values():
         for key, listed in topology.attrs.items():
-            if str(key).endswith("_coordinates") and topology.attrs.get("cf_role") == "mesh_topology":
+            if str(key).endswith("_coordinates") and str(topology.attrs.get("cf_role", "")) == "mesh_topology":
                 found += _pair([name for name in str(listed).split() if name in data.variables], data)
     over: dict[tuple[Any, ...], list[str]] = {}
     for name, variable in data.variables.items():

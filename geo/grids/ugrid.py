@@ -34,7 +34,7 @@ class Mesh:
 def mesh_of(data: xr.Dataset, name: str, dim: str) -> Mesh | None:
     """Return the mesh along whose dimension `dim` a variable stands, None where the file describes none."""
     topology_name = str(data[name].attrs.get("mesh", ""))
-    roles = [str(n) for n, v in data.variables.items() if v.attrs.get("cf_role") == "mesh_topology"]
+    roles = [str(n) for n, v in data.variables.items() if str(v.attrs.get("cf_role", "")) == "mesh_topology"]
     for topology in [topology_name] if topology_name in data.variables else roles:
         attributes = {key: str(value) for key, value in data[topology].attrs.items()}
         nodes = _degrees(data, attributes.get("node_coordinates", ""))
@@ -78,7 +78,7 @@ def _degrees(data: xr.Dataset, listed: str) -> tuple[str, str] | None:
         ("longitude", naming.EAST_UNITS, naming.LON),
         ("latitude", naming.NORTH_UNITS, naming.LAT),
     ):
-        matching = [n for n in candidates if data[n].attrs.get("standard_name") == standard]
+        matching = [n for n in candidates if str(data[n].attrs.get("standard_name", "")) == standard]
         matching += [n for n in candidates if units.match(str(data[n].attrs.get("units", "")).strip())]
         unnamed = [n for n in candidates if not {"standard_name", "units"} & set(data[n].attrs)]
         matching += [n for n in unnamed if pattern.match(n)]

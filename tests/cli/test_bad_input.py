@@ -272,7 +272,7 @@ def test_output_folders(name: str, tmp_path: Path, capsys: pytest.CaptureFixture
 RUNS = """
 import sys
 from drift.cli import commands
-for _ in range(2):
+for _ in range(3):
     print(commands.main(), file=sys.stderr, flush=True)
 commands.leave()
 """
@@ -282,7 +282,7 @@ commands.leave()
 def test_a_signal_while_files_are_written_leaves_nothing(tmp_path: Path) -> None:
     """Results of before stay as they were; an exception inside HDF5 once left the process waiting for its own lock.
 
-    One process, without a home and with its output closed: it is stopped twice, and the third time comes to its end.
+    One process, without a home and with its output closed: it is stopped three times, and then comes to its end.
     """
     (tmp_path / "trial.toml").write_text(STEADY)
     with publication.staged(tmp_path / "out") as stage:
@@ -292,10 +292,10 @@ def test_a_signal_while_files_are_written_leaves_nothing(tmp_path: Path) -> None
     without = {name: value for name, value in os.environ.items() if name != "HOME"}
     run = subprocess.Popen(
         [sys.executable, "-c", RUNS, *words], cwd=tmp_path, text=True, env=without, stderr=subprocess.PIPE,
-        preexec_fn=lambda: os.close(1),
+        preexec_fn=lambda: (os.close(1), signal.signal(signal.SIGHUP, signal.SIG_DFL)),
     )  # fmt: skip
     assert run.stderr is not None
-    for number in (signal.SIGTERM, signal.SIGINT):
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         while run.poll() is None and not list((tmp_path / "out").glob(".drift-partial-*/new/forecast.nc")):
             time.sleep(0.005)
         run.send_signal(number)

@@ -1,9 +1,10 @@
-"""A slice of what benchmarks/fuzz_cases.py and fuzz_files.py do at length: nothing but lines, whatever is damaged."""
+"""A slice of what the fuzzers of benchmarks/ do at length: nothing but lines, whatever is damaged."""
 
 import random
 from pathlib import Path
 
 import fuzz_cases
+import fuzz_commands
 import fuzz_files
 import numpy as np
 import pytest
@@ -43,3 +44,12 @@ def test_damaged_files_are_refused_in_a_line_or_read(made: str, tmp_path: Path) 
         )
         assert same or made != "checksums", (number, kind)
     assert not [line for line in told if "\n" in line]
+
+
+def test_odd_options_and_tables_are_refused_in_lines_or_understood(tmp_path: Path) -> None:
+    """Two trials of each command; results that stood before a refusal stand after it."""
+    told = []
+    for number in range(2 * len(fuzz_commands.COMMANDS)):
+        _, given = fuzz_commands.words(number, tmp_path)
+        told.append(fuzz_commands.tried(given, tmp_path).partition(":")[0])
+    assert {*told} == {"done", "refused"}

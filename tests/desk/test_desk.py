@@ -14,7 +14,7 @@ import threading
 import time
 import urllib.parse
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -473,6 +473,36 @@ def test_modules_in_the_folder_are_not_imported(served: Server, monkeypatch: pyt
     assert job["state"] == "done", job["lines"]
 
 
+def test_of_two_servers_that_save_the_same_case_one_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both have read it before either writes, if nothing keeps them apart."""
+    digest = shelf.save(tmp_path, "case.toml", small_case.STEADY, None)
+    read, both = names.contents, threading.Barrier(2)
+
+    def slowly(*given: Any, **options: Any) -> bytes:
+        data = read(*given, **options)
+        with suppress(threading.BrokenBarrierError):
+            both.wait(0.3)
+        return data
+
+    monkeypatch.setattr(names, "contents", slowly)
+    told: list[str] = []
+
+    def save(text: str) -> None:
+        try:
+            shelf.save(tmp_path, "case.toml", text, digest)
+            told.append(text)
+        except shelf.Conflict:
+            told.append("conflict")
+
+    savers = [threading.Thread(target=save, args=(f"title = '{name}'",)) for name in ("a", "b")]
+    for saver in savers:
+        saver.start()
+    for saver in savers:
+        saver.join()
+    assert sorted(told)[0] == "conflict"
+    assert (tmp_path / "case.toml").read_text(encoding="utf-8") == sorted(told)[1]
+
+
 def ended(folder: Path, monkeypatch: pytest.MonkeyPatch, does: str, limits: jobs.Limits, cancel: str = "") -> jobs.Job:
     """Return a job, once it is over, whose process does something else; cancel: a line of its log upon which it is."""
 
@@ -530,6 +560,7 @@ def _runs(process: int) -> bool:
 
 FATES = {  # what a process does, and what its log ends with
     "it takes too long": ("import time; time.sleep(60); (lambda memory: None)", "took more than 0.0005 h; drift serve --hours"),
+    "a library crashes": ("import os; os.kill(os.getpid(), 11); (lambda memory: None)", "a library crashed (SIGSEGV); try"),
     "it is killed": ("import os; os.kill(os.getpid(), 9); (lambda memory: None)", "by SIGKILL, as happens where the memory"),
     "it asks for too much": (
         "from drift.cli import commands, tethered; commands._dispatch = lambda argv: bytearray(2**33); tethered.main",

@@ -88,6 +88,57 @@ def test_what_is_outside_is_closed(inside: Path, monkeypatch: pytest.MonkeyPatch
     assert told == [str([False] * len(closed) + [True, True]), "1", "['x'] 2"]
 
 
+WRITE = """
+import os, sys
+from pathlib import Path
+from drift.cli import tethered
+tethered.enclose()
+def fails(act, *given):
+    try:
+        act(*given)
+    except PermissionError:
+        return True
+    return False
+served, other = Path(sys.argv[1]), Path(sys.argv[2])
+(served / "results").mkdir()
+(served / "results" / "map.png").write_text("map")
+os.replace(served / "results", served / "forecast")
+(served / "forecast" / "map.png").write_text("shorter")
+acts = {
+    "new": lambda: (other / "new").write_text("x"), "write": lambda: (other / "own").write_text("x"),
+    "append": lambda: open(other / "own", "a").close(), "truncate": lambda: os.truncate(other / "own", 0),
+    "remove": lambda: (other / "own").unlink(), "folder": lambda: (other / "folder").mkdir(),
+    "rename": lambda: os.rename(other / "own", other / "else"), "link": lambda: (other / "link").symlink_to("own"),
+    "move out": lambda: os.rename(served / "forecast" / "map.png", other / "map.png"),
+    "through a link": lambda: (served / "out").write_text("x"),
+}
+print([name for name, act in acts.items() if not fails(act)])
+"""
+
+
+@needs
+def test_nothing_outside_the_served_folder_is_written(inside: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not even into a folder that may be read: results go into the served one."""
+    allowed = inside.parent / "allowed"
+    allowed.mkdir()
+    (allowed / "own").write_text("own", encoding="utf-8")
+    (inside / "out").symlink_to(allowed / "own")
+    monkeypatch.setenv(fence.NAME, fence.text(fence.Fence((inside, allowed), writable=(inside,))))
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    (inside.parent / "scratch").mkdir()
+    one = subprocess.run(
+        [sys.executable, "-c", WRITE, str(inside), str(allowed)],
+        cwd=inside.parent / "scratch",
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert one.stdout + one.stderr == "[]\n"
+    assert [path.name for path in allowed.iterdir()] == ["own"]
+    assert (allowed / "own").read_text(encoding="utf-8") == "own"
+    assert (inside / "forecast" / "map.png").read_text(encoding="utf-8") == "shorter"
+
+
 def test_the_home_folder_is_not_opened_for_a_module(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """`python -m drift serve` looks for modules where it was started; that may be the home folder, or that served."""
     served = tmp_path / "at" / "served"

@@ -79,3 +79,11 @@ def test_units_against_standard_names_are_refused_with_a_key_that_works(tmp_path
             sources.open_source("current", path)
         source = sources.open_source("current", path, variables={"lon": "lat", "lat": "lon"})
         assert linear.worst(source) < NEAR
+
+
+@pytest.mark.parametrize("chosen", [{"lon": "lat"}, {"lat": "lon"}])
+def test_axes_that_the_case_takes_for_the_wrong_ones(chosen: Any, tmp_path: Path) -> None:
+    path = linear.written(tmp_path / "a.nc", linear.dataset(HOURS))
+    with pytest.raises(UserError, match=r"are not the columns and rows.*variables = \{ lon"):
+        sources.open_source("current", path, variables=chosen)
+    assert linear.worst(sources.open_source("current", path, variables={"lon": "lon", "lat": "lat"})) < NEAR

@@ -1,0 +1,79 @@
+"""Where compiled kernels cannot be kept: a line, and the process ends well.
+
+The folder of the cache lies below a file, which no user can make, the superuser neither.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from places import ROOT
+
+LAUNCH = """
+import numpy as np
+import taichi as ti
+from kernels import runtime
+
+@ti.kernel
+def double(values: ti.types.ndarray()):
+    for i in values:
+        values[i] *= 2
+
+runtime.start(threads=1)
+held = runtime.upload(np.full(3, 1.5, np.float32))
+double(held)
+print(held.to_numpy())
+"""
+
+
+def launched(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Return what a process does that starts Taichi and launches a kernel."""
+    (folder / "launch.py").write_text(LAUNCH, encoding="utf-8")
+    return subprocess.run(
+        [sys.executable, "launch.py"],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(ROOT)} | environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_a_cache_that_cannot_be_written_costs_a_line(tmp_path: Path, named: bool) -> None:
+    """Of the home, and of the variable; the remedy that the line names works."""
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    place = tmp_path / "file" / ".cache"
+    done = launched(tmp_path, **({"TI_OFFLINE_CACHE_FILE_PATH": str(place)} if named else {"HOME": str(place.parent)}))
+    assert (done.returncode, done.stdout) == (0, "[3. 3. 3.]\n")
+    assert done.stderr.count("\n") == 1
+    assert f"cache {place}" in done.stderr
+    mended = launched(tmp_path, HOME=str(tmp_path / "file"), TI_OFFLINE_CACHE_FILE_PATH=str(tmp_path / "kept"))
+    assert (mended.returncode, mended.stdout, mended.stderr) == (0, "[3. 3. 3.]\n", "")
+    assert list((tmp_path / "kept").glob("*.tic"))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
+def test_too_little_memory_to_start_is_told_and_the_remedy_helps(tmp_path: Path) -> None:
+    """The line does not advise the backend that has just failed; with the limit that it names the backend starts."""
+    code = "import sys, resource; resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]),) * 2); sys.argv[:] = ['launch.py']; "
+    code += "exec(compile(open('launch.py').read(), 'launch.py', 'exec'))"
+    (tmp_path / "launch.py").write_text(LAUNCH, encoding="utf-8")
+    done = [
+        subprocess.run(
+            [sys.executable, "-c", code, str(limit)],
+            cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"},
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+        for limit in (1200 * 2**20, 3 * 2**30)
+    ]
+    last = done[0].stderr.strip().splitlines()[-1]
+    assert "the memory does not suffice to start the backend 'cpu'" in last
+    assert "--backend cpu" not in last
+    assert "it takes 2 to 3 GiB of address space: raise the limit" in last
+    assert (done[1].returncode, done[1].stdout) == (0, "[3. 3. 3.]\n")
