@@ -24,6 +24,7 @@ from drift.particles.status import Status
 from drift.report import leaves
 from drift.report.leaves import Leaf
 from drift.start import Setup
+from geo import notation
 from geo.files import digest
 from kernels import runtime
 
@@ -211,8 +212,8 @@ def _strands(coast: Coast) -> str:
         return "slide: what reaches the shore goes on along it"
     if coast.behaviour == "refloat":
         return (
-            f"refloat: what strands is afloat again with a half-life of {coast.half_life / 3600:g} h, once its drift "
-            f"leads off the beach, {coast.offing:g} m off it"
+            f"refloat: what strands is afloat again with a half-life of {notation.number(coast.half_life / 3600)} h, once its drift "
+            f"leads off the beach, {notation.number(coast.offing)} m off it"
         )
     return "strand: what reaches the shore stays there for good"
 

@@ -198,6 +198,8 @@ def _shards(job: Job) -> int:
     """Return into how many shards a job's run is cut: as the one before was, if it goes on from there and that fits."""
     workers = None if job.client is None else cluster.workers_of(job.client)
     many = divide.number(job.case, job.memory, job.shards, workers)
+    if many > 1:
+        shelf.check_room(job.out, shelf.need(job.case, job.case.particles))
     if job.shards or job.out is None or not shelf.unfinished(job.out):
         return many
     before = shelf.begun(job.out, fingerprint.of(job.case, job.where, many)) or many

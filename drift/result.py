@@ -170,7 +170,7 @@ class Result:
             ("Mean position", notation.position(last["mean_lon"].item(), last["mean_lat"].item()) or "none"),
             ("Datum", notation.position(last["datum_lon"].item(), last["datum_lat"].item()) or "none"),
             *(
-                (f"{notation.percent(share)} % area", f"{area / NMI**2:,.0f} nmi²" if area == area else "none")
+                (f"{notation.hundredths(share)} % area", f"{area / NMI**2:,.0f} nmi²" if area == area else "none")
                 for share, area in zip(last["share"].values, last["containment_area"].values, strict=True)
             ),
             ("Counts", count.words),

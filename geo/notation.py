@@ -1,4 +1,8 @@
-"""Text of times, positions, directions and shares as a planner reads them, and of times as ISO 8601."""
+"""Text of times, positions, directions, shares and stated numbers as a planner reads them, and of times as ISO 8601.
+
+What a case states is read back to the digits given (`number`, `hundredths`, `bearing`, `stated_position`,
+`stated_time`); what is computed from it is rounded (`percent`, `probability`, `position`, `group`).
+"""
 
 import math
 from typing import Any
@@ -11,6 +15,9 @@ from geo import sphere
 NMI = 1852.0  # [m] international nautical mile
 KNOT = NMI / 3600  # [m/s]
 COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
+GIVEN = 9  # significant digits of a stated number that are read back
+FINEST = 5  # decimals of the minutes of a stated position: 2 cm
+ROUNDING = 1e-9  # of sums of weights
 MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
 
 
@@ -38,9 +45,68 @@ def toward(lon1: float, lat1: float, lon2: float, lat2: float) -> str:
     return f"{miles:,.0f} nmi to the {COMPASS[eighth]}" if miles >= 10 else f"{miles:.1f} nmi to the {COMPASS[eighth]}"
 
 
-def percent(share: float) -> str:
-    """Return a share in percent with all its digits: 0.95 is 95, 0.999 is 99.9."""
-    return f"{100 * share:.6g}"
+def percent(share: float, digits: int = 1, unit: str = " %") -> str:
+    """Return a computed probability or share in percent, which says nothing false at its ends.
+
+    What is exactly 0 or 1 is "0 %" or "100 %"; what is only near is "< 0.1 %" or "> 99.9 %".
+
+    Args:
+        share: the share, 0 to 1; within ROUNDING of an end it is that end, as a sum of weights is.
+        digits: after the point; the limits of "near" follow.
+        unit: what stands after the number; "" where a cell of a picture has no room, also for the blank.
+    """
+    if math.isnan(share):
+        return "unknown"
+    blank = " " if unit else ""
+    least = 10.0**-digits
+    if share <= 0:
+        text = "0"
+    elif share >= 1 - ROUNDING:
+        text = "100"
+    elif float(f"{100 * share:.{digits}f}") == 0:
+        text = f"<{blank}{least:.{digits}f}"
+    elif float(f"{100 * share:.{digits}f}") >= 100:
+        text = f">{blank}{100 - least:.{digits}f}"
+    else:
+        text = f"{100 * share:.{digits}f}"
+    return f"{text}{unit}"
+
+
+def short_percent(share: float) -> str:
+    """Return the same with a digit after the point only below 10 % and above 99.5 %, where room is scarce."""
+    return percent(share, 0 if 0.0995 <= share <= 0.995 else 1)
+
+
+def probability(value: float, digits: int = 2) -> str:
+    """Return a computed probability as a decimal; only what is exactly 0 or 1 is written as such: <0.01, >0.99."""
+    rounded = f"{value:.{digits}f}"
+    least = 10.0**-digits
+    if value > 0 and float(rounded) == 0:
+        return f"<{least:.{digits}f}"
+    return f">{1 - least:.{digits}f}" if value < 1 - ROUNDING and float(rounded) == 1 else rounded
+
+
+def number(value: float, digits: int = 6) -> str:
+    """Return a number that a case states, read back with all its digits: 0.25, not 0.3.
+
+    The value may have been converted to SI and back: up to GIVEN significant digits return as written. A number of
+    more, such as one given in another unit, is rounded to `digits` significant ones.
+    """
+    text = f"{value:.12g}"
+    mantissa = text.partition("e")[0].lstrip("-0.").replace(".", "")
+    return text if len(mantissa) <= GIVEN or not math.isfinite(value) else f"{value:.{digits}g}"
+
+
+def hundredths(share: float) -> str:
+    """Return a share that a case states in percent, without its unit, with all digits: 0.95 is 95, 0.999 is 99.9."""
+    return number(100 * share)
+
+
+def bearing(angle: float, digits: int = 6) -> str:
+    """Return a stated course or bearing [deg] with three digits before the point: 045, 123.5; digits: as of `number`."""
+    rounded = float(number(angle % 360, digits)) % 360  # 359.9999999999 is north
+    whole, point, rest = number(rounded, digits).partition(".")
+    return f"{whole.zfill(3)}{point}{rest}"
 
 
 def size(count: float) -> str:
@@ -68,18 +134,35 @@ def lasting(seconds: float) -> str:
     return f"{seconds / 60:g} min" if seconds >= 60 else f"{seconds:g} s"
 
 
-def position(lon: float, lat: float) -> str | None:
+def position(lon: float, lat: float, decimals: int = 1) -> str | None:
     """Return a position [deg] in degrees and decimal minutes, 28-42.0N 087-30.0W.
 
-    Returns None where it is not finite.
+    decimals: of the minutes. Returns None where it is not finite.
     """
     if not (np.isfinite(lon) and np.isfinite(lat)):
         return None
     lon = sphere.wrap_degrees(lon)
-    return f"{_minutes(lat, 2)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"
+    return (
+        f"{_minutes(lat, 2, decimals)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3, decimals)}{'E' if lon >= 0 else 'W'}"
+    )
 
 
-def _minutes(angle: float, digits: int) -> str:
-    """Return an angle [deg] without its sign as degrees of so many digits and minutes to a tenth."""
-    tenths = round(abs(angle) * 600)
-    return f"{tenths // 600:0{digits}d}-{tenths % 600 / 10:04.1f}"
+def stated_position(lon: float, lat: float) -> str | None:
+    """Return a position [deg] that a case states: with as many decimals of the minutes as it has, one to FINEST."""
+    exact = [60 * abs(angle) for angle in (lon, lat)]
+    decimals = (
+        digits for digits in range(1, FINEST) if all(abs(x - round(x, digits)) < 0.5 * 10.0**-FINEST for x in exact)
+    )
+    return position(lon, lat, next(decimals, FINEST))
+
+
+def stated_time(moment: Any) -> str:
+    """Return a time (np.datetime64, UTC) that a case states: its date-time group, or ISO 8601 where it has seconds."""
+    return iso(moment) if epoch(moment) % 60 else group(moment)
+
+
+def _minutes(angle: float, digits: int, decimals: int) -> str:
+    """Return an angle [deg] without its sign as degrees of so many digits and minutes of so many decimals."""
+    degree = 60 * 10**decimals
+    parts = round(abs(angle) * degree)
+    return f"{parts // degree:0{digits}d}-{parts % degree / 10**decimals:0{3 + decimals}.{decimals}f}"

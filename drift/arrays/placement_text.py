@@ -22,12 +22,12 @@ RELAXED = (
 def worth(plan: Any) -> str:
     """Return what a plan is worth, in a line."""
     chosen, found = plan.placement, plan.bound
-    told = f"POD {plan.pos:.1%} on the case's own particles; {chosen.value:.1%} on the {chosen.particles:,} on which it was made"
+    told = f"POD {notation.percent(plan.pos)} on the case's own particles; {notation.percent(chosen.value)} on the {chosen.particles:,} on which it was made"
     if found.value >= LOOSE:
         return told + "; no bound below 100 % is known"
     return (
         told
-        + f"; no plan hears more than {found.value:.1%} of {found.particles:,} of these, of which this hears {found.plan:.1%}"
+        + f"; no plan hears more than {notation.percent(found.value)} of {found.particles:,} of these, of which this hears {notation.percent(found.plan)}"
     )
 
 
@@ -47,14 +47,18 @@ def text(plan: Any, title: str, run: str) -> str:
         lines += [
             "",
             *_fill(
-                f'{tow.name} tows "{tow.sensor.name}" at {tow.speed / KNOT:.1f} kn, POD {pos:.1%} after those before it',
+                f'{tow.name} tows "{tow.sensor.name}" at {notation.number(tow.speed / KNOT)} kn, POD {notation.percent(pos)} after those before it',
                 3,
             ),
         ]
         for time, lon, lat, what in vertices(placed, sortie):
             lines += _fill(f"{notation.group(time)}  {notation.position(lon, lat)}  {what}", 6, 10)
     lines += ["", "3  ALTERNATIVES"]
-    lines += [line for name, value in plan.placement.alternatives for line in _fill(f"{name}: {value:.1%}", 3, 6)]
+    lines += [
+        line
+        for name, value in plan.placement.alternatives
+        for line in _fill(f"{name}: {notation.percent(value)}", 3, 6)
+    ]
     lines += ["", "4  NOTES"]
     for note in (
         f"POD: that any of them hears the target by {notation.group(plan.until)}.",
@@ -139,8 +143,11 @@ def facts(plan: Any) -> dict[str, str]:
         way = "; ".join(
             f"{notation.group(t)[:6]}Z {notation.position(x, y)} {what}" for t, x, y, what in vertices(placed, sortie)
         )
-        told[placed.sea.tow.name] = f"{way}; POD {pos:.1%}"
-    told |= {f"else {k}": f"{name}: {value:.1%}" for k, (name, value) in enumerate(plan.placement.alternatives, 1)}
+        told[placed.sea.tow.name] = f"{way}; POD {notation.percent(pos)}"
+    told |= {
+        f"else {k}": f"{name}: {notation.percent(value)}"
+        for k, (name, value) in enumerate(plan.placement.alternatives, 1)
+    }
     return told
 
 

@@ -105,7 +105,7 @@ def numbers(allocation: Allocation, hearing: Hearing, names: Names) -> dict[str,
 def pod(plan: Any) -> str:
     """Return in a line what a plan is worth as a run would reckon it; plan: a drift.arrays.processing_plan.ProcessingPlan."""
     return (
-        f"POD {plan.pod:.1%} +- {plan.standard_error:.1%} on the {plan.particles:,} tracks of the plan, fluctuations carried from "
+        f"POD {notation.percent(plan.pod)} +- {notation.percent(plan.standard_error)} on the {plan.particles:,} tracks of the plan, fluctuations carried from "
         "slot to slot"
     )
 

@@ -206,7 +206,7 @@ def _touches(axes: Axes, asked: Answers) -> None:
         ticks[ticks <= 1.06 * max(top, 1e-12)],
         [f"{100 * t:.{digits}f} %" for t in ticks[ticks <= 1.06 * max(top, 1e-12)]],
     )
-    by = ", ".join(notation.percent(share) for share in asked.study.percentiles)
+    by = ", ".join(notation.hundredths(share) for share in asked.study.percentiles)
     axes.set_title(f"Line touched by then (marks: {by} %)", fontsize=9.5, loc="left", color=INK)
     _plain(axes, asked)
 
@@ -244,7 +244,7 @@ def _key(asked: Answers) -> Sequence[tuple[Any, str]]:
     ]
     for k, share in enumerate(asked.study.shares):
         style = {"color": BLUE, "linewidth": 1.5 - 0.3 * min(k, 2), "linestyle": DASHES[k % len(DASHES)]}
-        rows.append((Line2D([], [], **style), f"{notation.percent(share)} % area"))
+        rows.append((Line2D([], [], **style), f"{notation.hundredths(share)} % area"))
     rows.append((Patch(facecolor="#e0607a", edgecolor=GREY), "density over all the time"))
     for k, touch in enumerate(asked.touches):
         chance = f"{touch.chance.value:.3g}"

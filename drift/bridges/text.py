@@ -38,7 +38,7 @@ def answers(found: Answers) -> Facts:
     facts = {"bridge": f"{len(study.names)} way points in {hours:g} h, K = {spread_rate(study.bridge.spread_rate)}"}
     for k, time in enumerate(place.time):
         sizes = ", ".join(
-            f"{notation.percent(share)} % in {area:,.0f} nmi2"
+            f"{notation.hundredths(share)} % in {area:,.0f} nmi2"
             for share, area in zip(study.shares, found.areas[k], strict=True)
         )
         name = f"{_moment(time)}, +{(time - study.bridge.time[0]) / 3600:g} h"
@@ -65,7 +65,7 @@ def numbers(found: Answers) -> dict[str, Any]:
                 "std_minor_m": short[k],
                 "orientation_deg": np.degrees(direction[k]),
                 "area_m2": {
-                    f"{notation.percent(share)}%": area * NMI**2
+                    f"{notation.hundredths(share)}%": area * NMI**2
                     for share, area in zip(study.shares, found.areas[k], strict=True)
                 },
             }
@@ -76,7 +76,7 @@ def numbers(found: Answers) -> dict[str, Any]:
                 "name": touch.line.name,
                 "probability": touch.chance.value,
                 "by": {
-                    f"{notation.percent(share)}%": np.datetime64(round(time), "s")
+                    f"{notation.hundredths(share)}%": np.datetime64(round(time), "s")
                     for share, time in zip(study.percentiles, touch.percentiles, strict=True)
                 }
                 if touch.chance.value > 0
@@ -93,7 +93,7 @@ def _touch(found: Answers, touch: Touch) -> str:
     if not touch.chance.value > 0:
         return words
     times = ", ".join(
-        f"{notation.percent(share)} % by {_moment(time)} (+{(time - found.study.bridge.time[0]) / 3600:.2f} h)"
+        f"{notation.hundredths(share)} % by {_moment(time)} (+{(time - found.study.bridge.time[0]) / 3600:.2f} h)"
         for share, time in zip(found.study.percentiles, touch.percentiles, strict=True)
     )
     return f"{words}; if so, first {times}"

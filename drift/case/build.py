@@ -331,7 +331,9 @@ def _asked_outputs(table: OutputTable, start: np.datetime64, end: np.datetime64,
     """
     if table.times is None:
         span = abs((end - start).astype(int))
-        every = max(round(table.every or 21_600.0), 1)
+        if table.every is not None and table.every < 1:
+            raise UserError(f"output.every: {table.every:g} s must be at least 1 s")
+        every = round(table.every or 21_600.0)
         if span // every > MOST_OUTPUTS:
             raise UserError(f"output.every gives {span // every:,} output times; at most {MOST_OUTPUTS}")
         return [start + np.timedelta64(sign * k * every, "s") for k in range(span // every + 1)]

@@ -70,5 +70,7 @@ def _build_one(make: Callable[[str, Run], Any], name: str, what: str, run: Run) 
     """Return what a table makes; its refusals say which table it was."""
     try:
         return make(name, run)
-    except (ValueError, UserError) as error:
+    except UserError as error:
+        raise UserError(*(f'{what} "{name}": {line}' for line in error.lines)) from None
+    except ValueError as error:
         raise UserError(f'{what} "{name}": {error}') from None

@@ -1,5 +1,9 @@
-"""What a case expects of its own forecast: the [expect] table, held against the numbers of a run."""
+"""What a case expects of its own forecast: the [expect] table, held against the numbers of a run.
 
+`drift run` prints one line of it and ends with exit status 1 where something is missed; the results are written.
+"""
+
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any
 
@@ -7,11 +11,11 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from drift.case import fields
-from geo import sphere
+from geo import notation, sphere
 from geo.notation import NMI
 
 SHARES = ("adrift", "ashore", "outside", "left", "under_way", "arrived", "aground")
-ROUNDING = 1e-12  # by which a sum of shares may exceed 1 in float64 (the largest seen was 7e-16)
+ROUNDING = 1e-12  # by which a sum of shares may differ from 1 in float64 (the largest seen was 2e-15)
 
 
 class PlaceWithin(fields.Table):
@@ -34,7 +38,11 @@ Percent = Annotated[float, BeforeValidator(_percent)]
 
 
 class Expect(fields.Table):
-    """Ranges at the end of the run: shares by what became of the object, containment areas, the mean position."""
+    """Ranges at the end of the run: shares by what became of the object, containment areas, the mean position.
+
+    `drift run` says in one line whether the forecast is within them; if not, its exit status is 1 and the results are
+    written all the same. `--set expect='{}'` leaves them out, as for a run with other inputs.
+    """
 
     adrift: fields.ShareRange | None = None
     """Share adrift, as [least, most]."""
@@ -71,22 +79,36 @@ def misses(expected: Expect, end: Mapping[str, Any]) -> list[str]:
     end: that output as in `forecast.tables.numbers`.
     """
     missed = []
-    values = {name: end["probability"].get(name, 0.0) for name in SHARES}  # where nothing steers, nothing is under way
-    spans = {name: getattr(expected, name) for name in values}
+    for name in SHARES:
+        value, span = end["probability"].get(name, 0.0), getattr(expected, name)  # nothing is under way in plain drift
+        if span is not None and not span[0] - ROUNDING <= value <= span[1] + ROUNDING:
+            least, most = (notation.hundredths(share) for share in span)
+            missed.append(f"{name}: {notation.number(100 * value)} %, expected {least} to {most} %")
     for percent, span in expected.by_percent().items():
-        values[f"area_{percent:g}"] = _square_metres(end["area_nmi2"][f"{percent:g}%"])
-        spans[f"area_{percent:g}"] = span
-    for name, value in values.items():
-        span = spans[name]
-        if span is not None and not span[0] <= value <= span[1] + ROUNDING:
-            missed.append(f"{name}: {value:.4g}, expected {span[0]:.4g} to {span[1]:.4g}")
+        area = _square_metres(end["area_nmi2"][f"{notation.number(percent)}%"])
+        if not span[0] <= area <= span[1]:
+            found, least, most = (notation.number(size / NMI**2) for size in (area, *span))
+            found = "none" if math.isnan(area) else f"{found} nmi2"
+            missed.append(f"area_{notation.number(percent)}: {found}, expected {least} to {most} nmi2")
     place = expected.mean_position_within
     if place is not None:
         mean = end["mean"] or {"lon": np.nan, "lat": np.nan}
         away = float(sphere.distance(*np.radians([*place.of, mean["lon"], mean["lat"]])))
         if not away <= place.distance:
-            missed.append(f"mean position: {away:.0f} m from the one expected, more than {place.distance:.0f} m")
+            found = "none" if end["mean"] is None else f"{notation.number(away)} m from the one expected"
+            missed.append(f"mean position: {found}, expected within {notation.number(place.distance)} m")
     return missed
+
+
+def told(expected: Expect, end: Mapping[str, Any]) -> dict[str, Any]:
+    """Return whether a forecast is as its case expects, and what it misses; {} where the case expects nothing.
+
+    end: as in `misses`.
+    """
+    if not expected.model_fields_set or expected == Expect():
+        return {}
+    missed = misses(expected, end)
+    return {"met": not missed, "misses": missed}
 
 
 def _square_metres(area_nmi2: float | None) -> float:

@@ -209,6 +209,21 @@ def share(value: object) -> float:
     return number
 
 
+LIGHTEST, HEAVIEST = 1e-30, 1e30  # weights: products and sums of them stay within what a number holds
+
+
+def weight(value: object) -> float:
+    """Return a weight: 0, or LIGHTEST to HEAVIEST; only ratios of weights count."""
+    number = units.quantity(value, "", "weight", "0.5")
+    if number < 0:
+        raise ValueError(f"weight {value!r} must be at least 0")
+    if number != 0 and not LIGHTEST <= number <= HEAVIEST:
+        raise ValueError(
+            f"weight {value!r} must be 0, or {LIGHTEST:g} to {HEAVIEST:g}: only ratios of weights count, so divide all by one"
+        )
+    return number + 0.0
+
+
 HALF_TURN = 2.0015e7  # [m] half the way round the Earth: no length in a case is longer
 
 _length = _quantity("m", "distance", "5 nmi", high=HALF_TURN)
@@ -225,18 +240,34 @@ WindError = Annotated[float, _quantity("m/s", "error of a wind", "1.5 m/s", high
 SignedSpeed = Annotated[float, _quantity("m/s", "speed", "2 cm/s", low=-150, high=150)]
 _ship_speed = _quantity("m/s", "speed", "8 kn", above=True, high=150)
 ShipSpeed = Annotated[float, _ship_speed]
-_duration = _quantity("s", "duration", "48 h", above=True, high=units.CENTURY)
+SHORTEST = 1e-3  # [s] of a duration: less is a slip
+_any_duration = _quantity("s", "duration", "48 h", above=True, high=units.CENTURY)
+
+
+def _long_enough(value: object) -> float:
+    number = float(_any_duration.func(value))  # type: ignore[call-arg]
+    if number < SHORTEST:
+        raise ValueError(f"duration {value!r} must be at least {SHORTEST:g} s")
+    return number
+
+
+_duration = BeforeValidator(_long_enough)
 Duration = Annotated[float, _duration]
 Diffusivity = Annotated[float, _quantity("m^2/s", "diffusivity", "10 m2/s", high=1e4)]
 SpreadRate = Annotated[float, BeforeValidator(units.spread_rate)]  # [m/sqrt(s)]
 Timeout = Annotated[float, _quantity("s", "timeout", "60 s", low=1, high=3600)]
 Slope = Annotated[float, _quantity("", "share of the wind speed", "3 %", low=-0.5, high=0.5)]
 Windage = Annotated[float, _quantity("", "share of the wind speed", "3 %", high=0.5)]
-Weight = Annotated[float, _quantity("", "weight", "0.5")]
+Weight = Annotated[float, BeforeValidator(weight)]
 Share = Annotated[float, BeforeValidator(share)]
 
 
+MOST_LETTERS = 1000  # of a name or title
+
+
 def _label(value: object) -> object:
+    if isinstance(value, str) and len(value) > MOST_LETTERS:
+        raise ValueError(f"{value[:20]!r}... has {len(value):,} letters; at most {MOST_LETTERS:,}")
     if isinstance(value, str) and (not value.strip() or not value.isprintable()):
         raise ValueError(f"{value!r} must be one line of letters")
     return value

@@ -5,6 +5,7 @@ forcing is found here, all of them at once, a line each. Cases that ship with th
 """
 
 import os
+import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from drift.case import build, family, messages, mistakes, sources, units
+from drift.case import build, family, messages, mistakes, rest, sources, units
 from drift.case.mistakes import Mistakes
 from drift.case.record import Case
 from drift.case.schema import CaseTable
@@ -28,6 +29,7 @@ from geo.files import small
 from geo.forcing.quantity import QUANTITIES
 
 FILES = ("files", "source", "lakes", "file", "network", "track", "actual")  # keys that name input files
+LONG_WORD = re.compile(r"\S{301,}")  # of what was given: shortened, so that what is wrong with it can be read
 LARGEST = 16 * 2**20  # [bytes] of a case file: a thousand times those that ship
 
 
@@ -105,10 +107,11 @@ def _validated(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> 
         inputs = tuple(dict.fromkeys(_inputs(family.expanded(data), path.absolute().parent)))
         return replace(case, inputs=inputs, tables=data)
     except ValidationError as error:
-        told = messages.lines(error, _named(data))
+        told = (*messages.lines(error, _named(data)), *rest.mistakes(data, error, path, text))
         raise _refusal(path, (*_by_family(told, data), *_sources_without(data, path))) from None
     except UserError as error:
-        raise _refusal(path, _by_family(error.lines, data)) from None
+        told = (*error.lines, *rest.mistakes(data, error, path, text))
+        raise _refusal(path, _by_family(told, data)) from None
     except OverflowError:  # integers beyond the largest float
         raise UserError(f"{path.name}: one of its whole numbers is too large") from None
 
@@ -168,7 +171,8 @@ def _refusal(path: Path, lines: tuple[str, ...]) -> UserError:
 
 def _one_line(path: Path, message: str) -> str:
     """Return a mistake with its file's name; what was given may hold line breaks of its own."""
-    return f"{path.name}: {' '.join(message.split())}"
+    line = LONG_WORD.sub(lambda word: f"{word[0][:60]}... ({len(word[0]):,} letters)", " ".join(message.split()))
+    return f"{path.name}: {line}"
 
 
 def _sources_without(data: dict[str, Any], path: Path) -> list[str]:

@@ -5,6 +5,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
+LONGEST = 200  # letters of a name that a message calls in full
+
 
 def lines(error: ValidationError, data: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the complaints as 'scenario "raft".position.at: what is wrong', a line each.
@@ -27,7 +29,9 @@ def where(loc: Sequence[int | str], data: Any) -> str:
         value = _inside(value, part)
         if isinstance(part, int):
             name = value.get("name") if isinstance(value, Mapping) else None
-            place += f' "{name}"' if isinstance(name, str) else f" {part + 1}"
+            place += (
+                f' "{name if len(name) <= LONGEST else f"{name[:40]}..."}"' if isinstance(name, str) else f" {part + 1}"
+            )
         else:
             place += f".{part}" if place else part
     return place

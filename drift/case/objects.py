@@ -9,6 +9,7 @@ from drift.case import fields
 from drift.motion import leeway
 from drift.motion.leeway import Drifter, Line
 from drift.search import sweep_width
+from geo import notation
 from geo.errors import UserError
 
 LEAST_IMMERSION = 0.05
@@ -85,11 +86,12 @@ class ObjectTable(fields.Table):
         if self.immersion is not None:
             low, high = self.immersion
             mean = float(np.mean(leeway.windage(np.linspace(low, high, 1001))))
-            words = f"Immersed to {low:.0%}" + (f" to {high:.0%}" if high > low else "")
+            least, most = notation.hundredths(low), notation.hundredths(high)
+            words = f"Immersed to {least} to {most} %" if high > low else f"Immersed to {least} %"
             return Drifter(self.name or "immersed", words, Line(mean), still, still, immersion=self.immersion)
         if self.windage is not None:
             down = Line(self.windage, spread=self.spread)
-            return Drifter(self.name or "windage", f"Windage {100 * self.windage:g} %", down, still, still)
+            return Drifter(self.name or "windage", f"Windage {notation.hundredths(self.windage)} %", down, still, still)
         if self.downwind is not None:
             right, left = (line.line() if line else still for line in (self.right, self.left))
             return Drifter(self.name or "own lines", "Leeway of the case", self.downwind.line(), right, left)

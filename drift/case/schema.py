@@ -249,7 +249,7 @@ class CaseTable(fields.Table):
     resampling: ResamplingTable = ResamplingTable()
     """How particles are drawn anew after searches."""
     expect: Expect = Expect()
-    """Ranges that the tests hold the end of a shipped case against; a run takes no notice."""
+    """Ranges of what the case expects at its end: `drift run` says whether it is so, and its exit status is 1 if not."""
 
     @model_validator(mode="before")
     @classmethod
@@ -319,6 +319,8 @@ class CaseTable(fields.Table):
         except ValueError as error:
             return [str(error)]
         start, end = self.begin(), self.finish()
+        if end == start and self.duration is not None:
+            return [f"duration {self.duration:g} s is less than a second: nothing to forecast"]
         if end == start:
             return [f"end {notation.group(end)} is the start: nothing to forecast"]
         if (end < start) == (self.direction == "backward"):

@@ -17,6 +17,7 @@ from drift.case import fields, units
 from drift.motion.scenario import Scenario
 from drift.search import laws, sweep_width
 from drift.search.records import Law, Watch
+from geo import notation
 from geo.errors import UserError
 from geo.notation import NMI
 
@@ -145,11 +146,14 @@ def _one_width(value: object, least: float = 10.0) -> float:
     return number
 
 
+CERTAIN = 1e-6  # share of a sweep width: an uncertainty below it is none
+
+
 def _unknown(value: object) -> float:
     share = units.quantity(value, "", "share", "30 %")
     if not 0 <= share <= MOST_UNKNOWN:
         raise ValueError(
-            f"{value!r} must be a standard deviation as a share of the sweep width, 0 to {MOST_UNKNOWN:.0%}"
+            f"{value!r} must be a standard deviation as a share of the sweep width, 0 to {notation.hundredths(MOST_UNKNOWN)} %"
         )
     return share
 
@@ -182,7 +186,7 @@ class SensorTable(fields.Table):
 
     def shape(self) -> float:
         """Return the shape of the unknown factor's gamma distribution of mean 1: its variance is 1 / shape."""
-        return 1 / self.sweep_width_uncertainty**2 if self.sweep_width_uncertainty > 0 else math.inf
+        return 1 / self.sweep_width_uncertainty**2 if self.sweep_width_uncertainty >= CERTAIN else math.inf
 
     def group(self, kind: str) -> str:
         """Return which sorties share the unknown factor of the sweep width.

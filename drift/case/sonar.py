@@ -289,7 +289,7 @@ class SonarTable(fields.Table):
     loss: LossTable = LossTable()
     """Transmission loss."""
     noise: Annotated[Any, BeforeValidator(_noise)]
-    """Ambient noise: a level, rows of true bearing and level, or `{ file = .. }` by bearing and time."""
+    """Ambient noise: a level, rows of true bearing and level (four quarters will do), or `{ file = .. }` by bearing and time."""
     gain: Annotated[Any, BeforeValidator(_gain)] = 0.0
     """Array gain: a number, rows of relative bearing and gain, or a table with `line`, `symmetric` and `mirrored`."""
     threshold: Annotated[float, BeforeValidator(decibels("threshold", -100, 100))] = 0.0

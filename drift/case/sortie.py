@@ -17,6 +17,7 @@ from drift.case import pattern as pattern_table
 from drift.case import sonar as sonar_table
 from drift.case import track as track_table
 from drift.case.context import Run, build_each
+from drift.case.mistakes import Mistakes
 from drift.case.pattern import PatternTable, RegionTable, Spacing, Waypoints
 from drift.case.sensor import Kind, Pod, SensorTable, Zones, by_scenario
 from drift.motion.scenario import Scenario
@@ -182,7 +183,7 @@ class SortieTable(SensorTable):
         return self.frame or ("datum" if drifting else "ground")
 
     def sortie(self, name: str, run: Run) -> Sortie:
-        """Return the record; raise ValueError for what does not fit the run."""
+        """Return the record; raise ValueError or UserError for what does not fit the run."""
         start = None if self.start is None else units.resolve(self.start, run.start)
         end = None if self.end is None else units.resolve(self.end, run.start)
         if start is not None and end is not None and end <= start:
@@ -190,9 +191,15 @@ class SortieTable(SensorTable):
         sensor = sonar_table.named(self.watch.sensor, run) if self.watch and self.watch.sensor else None
         area, legs = self._place(start, end, run, self._stands(sensor))
         begin, finish = self._times(start, end, legs)
-        run.check(begin, finish)
-        speed = self._speed(legs)
-        widths = self._widths(speed, run.scenarios)
+        wrong = Mistakes()
+        speed = math.nan
+        widths: tuple[float, ...] = ()
+        with wrong.gathered():
+            run.check(begin, finish)
+        with wrong.gathered():
+            speed = self._speed(legs)
+            widths = self._widths(speed, run.scenarios)
+        wrong.refuse()
         # Zones of a watch, or a POD in place of a width, say it of both states.
         told = math.isnan(widths[0]) and self.sweep_width_under_way is None
         under_way = () if self.watch or told else self.widths_under_way(self.unit, speed, run.scenarios)

@@ -69,7 +69,7 @@ class TimedVector(Vector):
     """A row of a table by time."""
 
     time: fields.Time
-    """When the row holds; in between, straight lines."""
+    """When the row holds; in between, straight lines, however far apart rows are."""
 
 
 class StatedTimes(fields.Table):
@@ -155,6 +155,7 @@ def _parameters(value: Any) -> dict[str, float]:
 
 def _base(value: object) -> float:
     """Return a parameter of a built-in flow in SI base units, whatever its kind."""
+    units.short(value, "number", "0.5 m/s")
     if isinstance(value, str) and (match := units.NUMBER.fullmatch(value)) and match[2]:
         try:
             if units.TOWER.search(match[2]):

@@ -34,6 +34,8 @@ ROOT = re.compile(  # the unit of a spread rate: a length over the square root o
 )
 TOWER = re.compile(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}")  # arithmetic that no unit needs and that may take for ever
 
+LONGEST = 200  # letters of a quantity, a position or a time
+MOST = 10**300  # of a whole number
 CENTURY = 3_155_760_000  # [s]
 FREEZING = 273.15  # [K] 0 degC
 
@@ -59,6 +61,19 @@ def registry() -> Any:
     return pint.UnitRegistry()
 
 
+def short(value: object, what: str, example: str) -> None:
+    """Refuse a text longer than LONGEST, and a whole number beyond every float: nothing that is meant is so long.
+
+    Arithmetic of units, and patterns, would take minutes over 100,000 letters.
+    """
+    if isinstance(value, str) and len(value) > LONGEST:
+        raise ValueError(
+            f'"{value[:20]}..." has {len(value):,} letters, too many for {_a(what)}; write it like "{example}"'
+        )
+    if isinstance(value, int) and abs(value) > MOST:
+        raise ValueError(f"{str(value)[:20]}... is too large for {_a(what)}; write it like {example!r}")
+
+
 def quantity(value: object, unit: str, what: str, example: str) -> float:
     """Return a quantity in SI.
 
@@ -67,6 +82,7 @@ def quantity(value: object, unit: str, what: str, example: str) -> float:
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError(f'{value!r} is not {_a(what)}; write it like "{example}"')
+    short(value, what, example)
     number = _convert(value, unit, what, example) if isinstance(value, str) else float(value)
     if not math.isfinite(number):
         raise ValueError(f"{value!r} is not finite")
@@ -106,6 +122,7 @@ def temperature(value: object) -> float:
 
     A bare number is refused: it could be in any of three units.
     """
+    short(value, "temperature", "12 degC")
     match = NUMBER.fullmatch(value) if isinstance(value, str) else None
     if match is None or not match[2]:
         raise ValueError(f'{value!r} is not a temperature with its unit; write it like "12 degC"')
@@ -128,6 +145,7 @@ def spread_rate(value: object) -> float:
     makes of a power that is no whole number is inexact, and its "sqrt" is no unit. A speed or a diffusivity is refused.
     """
     what, example = "spread rate", "12 nmi/sqrt(h)"
+    short(value, what, example)
     match = NUMBER.fullmatch(value) if isinstance(value, str) else None
     if match is None or not match[2]:
         number = quantity(value, "m", what, example)
@@ -158,10 +176,11 @@ def angle(value: object, letters: str) -> float:
     what, limit = ("latitude", 90.0) if letters == "NS" else ("longitude", 180.0)
     if isinstance(value, bool):
         raise ValueError(f"{value!r} is not a {what}")
+    short(value, what, "27 30.5N" if letters == "NS" else "088 15.0W")
     if isinstance(value, int | float):
         # A bare longitude may count to 360, as the files of the models do.
         if not (-limit <= value <= limit or (letters == "EW" and 180 < value <= 360)):
-            raise ValueError(f"{what} {value:g} is outside {-limit:g} to {limit:g}")
+            raise ValueError(f"{what} {value!r} is outside {-limit:g} to {limit:g}")
         return sphere.wrap_degrees(value) if abs(value) > 180 else float(value)
     match = ANGLE.fullmatch(str(value).strip().upper().replace("º", "°").replace("’", "'"))
     if match is None or not (match["before"] or match["after"]) or (match["before"] and match["after"]):
@@ -192,6 +211,7 @@ def position(value: object) -> tuple[float, float]:
 
     value: "27 30.5N 088 15.0W" in either order (the letters tell), [lon, lat] in degrees, or { lat = .., lon = .. }.
     """
+    short(value, "position", "27 30.5N 088 15.0W")
     if isinstance(value, dict):
         if set(value) != {"lon", "lat"}:
             raise ValueError("a position table has exactly the keys lon and lat")
@@ -278,6 +298,7 @@ def time(value: object) -> Instant:
         return _utc(value, value.isoformat())
     if not isinstance(value, str):
         raise ValueError(f'{value!r} is not a time; write it like "211830ZNOV26", or in ISO 8601 with its zone')
+    short(value, "time", "211830ZNOV26")
     text = value.strip()
     if text[:1] in {"+", "-"}:
         if re.fullmatch(r"[\d.]*[1-9][\d.]*", text[1:].strip()):  # of minutes, or of hours

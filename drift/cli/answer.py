@@ -9,7 +9,7 @@ from typing import Any
 
 from drift.cli import terminal
 
-WARNED = ("warning", "lost")  # facts of these names are told even where nothing else is
+WARNED = ("warning", "lost", "missed")  # facts of these names are told even where nothing else is
 
 
 @dataclass(frozen=True)
@@ -21,6 +21,7 @@ class Answer:
     lines: tuple[str, ...] = ()  # after the facts
     numbers: Mapping[str, Any] = field(default_factory=dict)  # for programs; units stand in the names
     results: Path | None = None  # folder that was written
+    status: int = 0  # exit status; 1 where a forecast misses what its case expects
     show: Callable[[], None] | None = None  # prints what is no list of facts, in their place
 
 

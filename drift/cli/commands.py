@@ -1,7 +1,8 @@
 """The command line `drift`: which command is done, and how the process ends.
 
-Exit status: 0, 2 for the user's errors (a line each), 1 for ours, 130 when interrupted, 143 when asked to end, 129
-when its terminal went. Nothing heavy is imported before the command that needs it, so that help and lists come at once.
+Exit status: 0, 1 where a forecast misses what its case expects ([expect]), 2 for the user's errors (a line each), 1 for ours, 130 when
+interrupted, 143 when asked to end, 129 when its terminal went. Nothing heavy is imported before the command that needs it, so that help
+and lists come at once.
 """
 
 import argparse
@@ -121,7 +122,7 @@ def _dispatch(argv: Sequence[str] | None) -> int:
         return 0
     told = COMMANDS[given.command](given)
     answer.tell(told, given.command, as_json=given.json, quiet=given.quiet)
-    return 0
+    return told.status
 
 
 def leave() -> None:

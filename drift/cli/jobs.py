@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ def run(given: argparse.Namespace) -> Answer:
         from drift import facts, flow
         from drift.cli import outcome
         from drift.forecast import tables
+        from drift.output import publication, writer
         from drift.shards import cluster
 
         options |= take.scale(given)
@@ -26,14 +27,35 @@ def run(given: argparse.Namespace) -> Answer:
             result = flow.run(case, out, client=client, resume=given.resume, **options)
     if result is None:
         line = f"{out} holds the results of exactly this run: nothing to do"
-        return Answer(lines=(line,), numbers={"unchanged": True}, results=out)
+        kept = publication.summary(out, writer.SUMMARY)
+        met, expected, status = _expected(case, kept) if kept else ({}, {}, 0)
+        lines = (line, *(f"{name}: {words}" for name, words in met.items()))
+        return Answer("", met, lines, {"unchanged": True} | expected, out, status)
     made = result.summary["run"]
     last = {**tables.numbers(result.forecast, result.setting.opens), **result.summary}
     told = outcome.spill(last) if case.spill else outcome.forecast(last)
+    met, expected, status = _expected(case, last)
     # What steers is moved exactly: only drift has a scheme and errors of its step.
     scheme = f"{made['scheme']}, step {made['step_s']} s, " if facts.drifts(case) else ""
     basis = f"{made['particles']:,} particles, {scheme}seed {made['seed']}"
-    return Answer(case.title, told, (f"{basis}\nResults in {out}",), outcome.numbers(last), out)
+    return Answer(
+        case.title, told | met, (f"{basis}\nResults in {out}",), outcome.numbers(last) | expected, out, status
+    )
+
+
+def _expected(case: Any, numbers: Mapping[str, Any]) -> tuple[dict[str, str], dict[str, Any], int]:
+    """Return what a run came to beside its case's [expect]: a fact, numbers for programs, the exit status.
+
+    numbers: those of its summary.
+    """
+    from drift.case import expect
+
+    told = expect.told(case.expect, numbers["outputs"][-1])
+    if not told:
+        return {}, {}, 0
+    if told["met"]:
+        return {"expect": "as [expect] says"}, {"expect": told}, 0
+    return {"missed [expect]": "; ".join(told["misses"])}, {"expect": told}, 1
 
 
 def plan(given: argparse.Namespace) -> Answer:
@@ -175,8 +197,12 @@ def _started(given: argparse.Namespace, kind: str) -> Iterator[tuple[Any, Path, 
         if given.threads is not None and given.threads > cores:
             print(f"drift: --threads {given.threads}: runs on {cores}, all the cores it may use here", file=sys.stderr)
 
-    if worth := outlook.caution(case):
-        print(f"drift: {worth}", file=sys.stderr)
+    scale = take.scale(given) if hasattr(given, "shards") else {}
+    elsewhere = getattr(given, "workers", None) or getattr(given, "cluster", None)
+    needs = None if elsewhere else outlook.needs(case, scale.get("memory"), scale.get("shards"))
+    for worth in (outlook.caution(case), needs):
+        if worth:
+            print(f"drift: {worth}", file=sys.stderr)
     with progress.progress(case, quiet=given.quiet) as show:
 
         def report(phase: str, share: float) -> None:

@@ -42,6 +42,9 @@ def new(given: argparse.Namespace) -> Answer:
     )
 
 
+NO_SEARCH_OBJECT = "none of the sweep width tables fits; give sweep_width itself"
+
+
 def objects(given: argparse.Namespace) -> Answer:
     """List leeway classes, or search them."""
     from drift.motion import everyday, leeway
@@ -49,14 +52,17 @@ def objects(given: argparse.Namespace) -> Answer:
     words = " ".join(given.words)
     classes = leeway.search(words)
     if not classes:
-        raise UserError(f'no leeway class holds "{words}"; see them all: drift objects')
+        raise UserError(
+            f'no leeway class holds "{words}"; see them all: drift objects. What none fits is described in the case: '
+            'object = { windage = "3 %" }, or leeway lines of your own'
+        )
     names = tuple(leeway.classes())
     meant = ((word, everyday.meaning(word, names)) for word in everyday.parts(words))
     notes = [f"{word}: {meaning.note}." for word, meaning in meant if meaning and meaning.note]
     seen: dict[str, list[str]] = {}
     for drifter in classes:
-        if found := everyday.search_objects(drifter.name):
-            seen.setdefault(found.words, []).append(drifter.name)
+        found = everyday.search_objects(drifter.name)
+        seen.setdefault(found.words if found else NO_SEARCH_OBJECT, []).append(drifter.name)
 
     def show() -> None:
         table = terminal.table("Class", "Description")

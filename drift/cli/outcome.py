@@ -13,6 +13,7 @@ from drift.planner import text as plan_text
 from drift.planner.records import Plan, Tasking
 from drift.spill import tables as washup_tables
 from drift.spill import verdict
+from geo import notation
 from geo.notation import NMI, group, position
 
 WORTH_A_WARNING = 0.01  # share of the probability lost from which a line says so
@@ -40,7 +41,7 @@ def forecast(numbers: dict[str, Any]) -> Facts:
     facts |= {f"{share} area": told for share, told in _areas(end).items()} | _opening(numbers)
     for status, share in numbers["account"].items():
         if share > 0:
-            facts[status.replace("_", " ")] = _percent(share)
+            facts[status.replace("_", " ")] = notation.percent(share)
     facts |= {"errors": told} if (told := numbers["uncertainty"]["told"]) else {}
     facts |= _search(numbers)
     facts |= _lost(numbers)
@@ -119,7 +120,7 @@ def _members(told: dict[str, Any]) -> str:
     if told["effective"] > 0.999 * told["number"]:
         return f"{told['number']}, all as likely"
     first = sorted(weights, key=lambda name: -weights[name])[:3]
-    likeliest = ", ".join(f"{name} {_percent(weights[name])}" for name in first)
+    likeliest = ", ".join(f"{name} {notation.percent(weights[name])}" for name in first)
     return f"{told['number']}, of which {told['effective']:.1f} count after all that was seen; likeliest {likeliest}"
 
 
@@ -130,14 +131,20 @@ def _stories(stories: dict[str, Any]) -> Facts:
     shown = likeliest.of(table)
     names = list(stories)
     for name, story in ((names[k], stories[names[k]]) for k in shown.alone):
-        remarks = [f"{_percent(story['posterior'])} (before: {_percent(story['prior'])})"] if len(stories) > 1 else []
+        remarks = (
+            [f"{notation.percent(story['posterior'])} (before: {notation.percent(story['prior'])})"]
+            if len(stories) > 1
+            else []
+        )
         if story["prior_on_land"] > 0:
-            remarks.append(f"{_percent(story['prior_on_land'])} of its prior was on land and left out")
+            remarks.append(f"{notation.percent(story['prior_on_land'])} of its prior was on land and left out")
         if remarks:
             facts[f'scenario "{name}"'] = "; ".join(remarks)
     if shown.rest:
         prior, posterior = shown.sums(table)[:, -1]
-        facts[shown.names(names)[-1]] = f"{_percent(posterior)} (before: {_percent(prior)}); see summary.json"
+        facts[shown.names(names)[-1]] = (
+            f"{notation.percent(posterior)} (before: {notation.percent(prior)}); see summary.json"
+        )
     return facts
 
 
@@ -147,7 +154,7 @@ def _by_axis(told: dict[str, Any]) -> Facts:
     for axis, values in told["axes"].items():
         first = sorted(values, key=lambda label: -values[label]["posterior"])[:LIKELIEST]
         parts = [
-            f"{label} {_percent(values[label]['posterior'])} (before: {_percent(values[label]['prior'])})"
+            f"{label} {notation.percent(values[label]['posterior'])} (before: {notation.percent(values[label]['prior'])})"
             for label in first
         ]
         facts[f"stories by {axis}"] = ", ".join(parts)
@@ -165,14 +172,14 @@ def plan(planned: Plan) -> Facts:
         facts[f"{name} {tasking.unit.name}"] = (
             f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi at {position(*tasking.centre)}, "
             f"{tasking.legs} leg{'s' * (tasking.legs != 1)} {tasking.spacing / NMI:.2f} nmi apart, on scene {group(tasking.on_scene)[:6]}Z to "
-            f"{group(tasking.off_scene)[:6]}Z, POS {_percent(tasking.pos)}{_at_sea(tasking)}"
+            f"{group(tasking.off_scene)[:6]}Z, POS {notation.percent(tasking.pos)}{_at_sea(tasking)}"
         )
     if planned.idle:
         facts["not sent"] = ", ".join(planned.idle)
     facts |= {f"boats {k}": words for k, words in enumerate(planned.said, 1)}
     facts |= {f"warning {k}": words for k, words in enumerate(plan_text.warnings(planned, synthetic=False), 1)}
     if len(planned.scenarios) > 1:
-        facts |= {f'POS if "{scenario}"': _percent(pos) for scenario, pos in subareas.stories(planned)}
+        facts |= {f'POS if "{scenario}"': notation.percent(pos) for scenario, pos in subareas.stories(planned)}
     return facts
 
 
@@ -239,14 +246,14 @@ def _search(numbers: dict[str, Any]) -> Facts:
                 )
         if update["kind"] == "sortie":
             facts[f'sortie "{update["name"]}"'] = (
-                f"POS {_percent(update['pos']['all'])}{_ashore(update)}, so far {_percent(update['cumulative_pos']['all'])}"
+                f"POS {notation.percent(update['pos']['all'])}{_ashore(update)}, so far {notation.percent(update['cumulative_pos']['all'])}"
             )
         else:
             facts[f'{update["kind"]} "{update["name"]}"'] = (
                 f"{Count(update['ess_after']).words} after it, {update['ess_before']:,.0f} before{_filled(update)}"
             )
     for line in numbers.get("search", {}).get("lines", ()):
-        facts[f'line "{line["name"]}"'] = f"crossed with {_percent(line['probability']['all'])}"
+        facts[f'line "{line["name"]}"'] = f"crossed with {notation.percent(line['probability']['all'])}"
     return facts
 
 
@@ -260,7 +267,9 @@ def _filled(update: Mapping[str, Any]) -> str:
 def _ashore(update: dict[str, Any]) -> str:
     """Return which part of a POS is of what lies ashore, where it is worth telling."""
     part = update["pos_ashore"]["all"]
-    return f" ({_percent(part)} of it ashore)" if part >= ASHORE * update["pos"]["all"] and part >= 0.0005 else ""
+    return (
+        f" ({notation.percent(part)} of it ashore)" if part >= ASHORE * update["pos"]["all"] and part >= 0.0005 else ""
+    )
 
 
 def spill(numbers: dict[str, Any]) -> Facts:
@@ -274,7 +283,7 @@ def spill(numbers: dict[str, Any]) -> Facts:
         name = washup_tables.called(place["segment"], place["name"], place["position"])
         facts[f"{place['rank']} {name}"] = (
             f"{place['number_10']:.0f} to {place['number_90']:.0f} ashore (10 to 90 %), {place['expected']:.1f} on average, "
-            f"at least one {_percent(place['probability'])}, the first about {_group(place['first_50'])}"
+            f"at least one {notation.percent(place['probability'])}, the first about {_group(place['first_50'])}"
             f"{_near(place)}"
         )
     if dense := washup["densest_stretches"][:DENSEST]:
@@ -285,8 +294,8 @@ def spill(numbers: dict[str, Any]) -> Facts:
     for find in washup["finds"]:
         odd = "; ODD, check it" if find["odd"] else ""
         facts[f'find {find["number"]} "{find["name"]}"'] = (
-            f"{find['stretch']}: the next find was to be here with {_percent(find['probability_beforehand'])}, "
-            f"somewhere at most as likely with {_percent(find['tail'])}; {verdict.ours(find)}{odd}"
+            f"{find['stretch']}: the next find was to be here with {notation.percent(find['probability_beforehand'])}, "
+            f"somewhere at most as likely with {notation.percent(find['tail'])}; {verdict.ours(find)}{odd}"
         )
     if washup["silence"]:
         facts["taken for granted"] = washup["silence"]
@@ -356,10 +365,6 @@ def _lost(numbers: dict[str, Any]) -> Facts:
     if lost <= WORTH_A_WARNING:
         return {}
     return {
-        "lost": f"{_percent(lost)} of the probability ran out of forcing or left the domain; "
+        "lost": f"{notation.percent(lost)} of the probability ran out of forcing or left the domain; "
         "areas are shares of the rest"
     }
-
-
-def _percent(share: float) -> str:
-    return f"{share:.1%}" if share >= 0.0005 else "under 0.1%"

@@ -71,7 +71,7 @@ def areas(snapshot: Snapshot, forecast: Forecast, time: int, units: Units) -> Fi
         if np.isfinite(size) and total > 0:
             pull = weight / total * (share - (inside <= share)) / (_cut(at, float(share)) / total)
             influence = summed(unit, pull, units)
-        found["area", f"{notation.percent(share)} %", "m2"] = Figure(float(size), influence)
+        found["area", f"{notation.hundredths(share)} %", "m2"] = Figure(float(size), influence)
     return found
 
 

@@ -58,7 +58,7 @@ def _unlike(a: Case, b: Case) -> list[str]:
         if own != theirs
     ]
     if a.areas != b.areas:
-        own, theirs = (", ".join(notation.percent(share) for share in case.areas) for case in (a, b))
+        own, theirs = (", ".join(notation.hundredths(share) for share in case.areas) for case in (a, b))
         reasons.append(f"its areas are {theirs} %, those of {a.path.name} {own} %; make output.areas alike")
     if not reasons and (odd := _odd_outputs(a, b)):
         reasons.append(

@@ -143,5 +143,5 @@ def _check_water(story: str, lon: float, lat: float, coast: shoreline.Coast) -> 
         else "no water near"
     )
     raise UserError(
-        f"{story}.position.at: {notation.position(lon, lat)} lies on land; {hint}. Move it, or give an area"
+        f"{story}.position.at: {notation.stated_position(lon, lat)} lies on land; {hint}. Move it, or give an area"
     )

@@ -30,6 +30,7 @@ from geo.forcing.sources import Source
 
 # What is read of a source ends on a lattice, whose lines are at most this share of the box's width or height apart.
 FINEST_SHARE = 1 / 8
+FAR = np.timedelta64(12, "h")  # between rows of a table: weather changes within it
 COARSEST = 4.0  # [deg] the lattice's widest spacing
 
 
@@ -82,9 +83,15 @@ def open_for(
     """
     box = domain.bounds(spec, asked)
     about = domain.middle(spec) if domain.is_polar(box) else None
-    opened = {
-        (source.quantity, source.name): _open(source, box, spec.period, held, common, about) for source in asked.sources
-    }
+    opened: dict[tuple[str, str], Source] = {}
+    wrong: list[str] = []
+    for source in asked.sources:
+        try:
+            opened[source.quantity, source.name] = _open(source, box, spec.period, held, common, about)
+        except UserError as error:
+            wrong += error.lines
+    if wrong:
+        raise UserError(*wrong)
     finished = Finished(first=True)  # the step is chosen on what the run then drifts in
     opened = {
         key: source if source.shelf else source.shelved((*key, source.fingerprint, source.grid), finished)
@@ -100,18 +107,27 @@ def open_for(
             for quantity, names in _names(spec, scenario).items()
         }
         scenarios.append(Sources(by_quantity, cells, added))
+    without: dict[str, list[str]] = {}  # whom a complaint is of
     for scenario, named in zip(spec.scenarios, scenarios, strict=True):
         if not (spec.debris or models.forced([scenario])):
             continue  # nothing of it is lost without forcing
         place = f'{spec.story} "{scenario.name}"'
         for quantity in needed():
             for k, term in enumerate(named.terms(quantity)):
-                _check_times(spec.period, asked.max_lost, place, quantity, term, added=k > 0)
+                for complaint in _without_forcing(spec.period, asked.max_lost, quantity, term, added=k > 0):
+                    without.setdefault(complaint, []).append(place)
+    for complaint, (first, *others) in without.items():
+        wrong.append(f"{first}{f' and {len(others)} more' if others else ''}: {complaint}")
     shown = tuple(opened.values())
     base = tuple(source for source in shown if (source.quantity, source.name) not in added)
     coastal = coastline.around(spec, box, base)
     shared = common.coast(spec, asked, coastal) if common else None
-    land, coast = coastline.opened(spec, asked.coast, coastal, seen, shared)
+    try:
+        land, coast = coastline.opened(spec, asked.coast, coastal, seen, shared)
+    except UserError as error:
+        raise UserError(*wrong, *error.lines) from None
+    if wrong:
+        raise UserError(*wrong)
     if coast is None and spec.release:
         raise UserError(
             f"[spill]: there is no coast in its domain, {box.west:.2f}..{box.east:.2f} E, {box.south:.2f}.."
@@ -229,8 +245,10 @@ def _open(
         return sources.constant(spec.quantity, *spec.constant, name=spec.name, about=about)
     if spec.table is not None:
         table = spec.table
-        times = np.array(table.times)
-        return sources.table(spec.quantity, times, table.east, table.north, name=spec.name, about=about)
+        rows = sources.table(
+            spec.quantity, np.array(table.times), table.east, table.north, name=spec.name, about=about
+        )
+        return replace(rows, gapless=True, notes=rows.notes + _far_apart(rows))
     if spec.analytic is not None:
         first, last = period.span
         flow = sources.analytic(spec.quantity, spec.analytic, box, first, last, **spec.parameters)
@@ -252,6 +270,15 @@ def _open(
         if spec.dataset is not None:
             reason = reason.replace(f"[[{spec.quantity}]] files", f"[[{spec.quantity}]] dataset")
         raise UserError(f'{spec.quantity} "{spec.name}": {reason}') from None
+
+
+def _far_apart(rows: Source) -> tuple[str, ...]:
+    """Return a note on rows of a table with FAR or more between them: nothing is known of the weather in between."""
+    longest = np.diff(rows.times).max()
+    if longest < FAR:
+        return ()
+    hours = notation.number(float(longest / np.timedelta64(1, "h")))
+    return (f"rows up to {hours} h apart, on a straight line in between: add rows where it changed otherwise",)
 
 
 def _called(spec: ForcingSpec) -> list[str]:
@@ -287,21 +314,21 @@ def _with_notes(source: Source, added: frozenset[tuple[str, str]]) -> Source:
         notes.append(f"within {box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N")
     if source.times.size:
         notes.append(f"from {notation.group(source.times[0])} to {notation.group(source.times[-1])}")
-    notes += [f"no values between {notation.group(a)} and {notation.group(b)}" for a, b in stream.holes(source.times)]
+    notes += [f"no values between {notation.group(a)} and {notation.group(b)}" for a, b in stream.holes_of(source)]
     return replace(source, notes=tuple(notes))
 
 
-def _check_times(
-    period: Period, max_lost: float, place: str, quantity: str, sources: tuple[Source, ...], *, added: bool
-) -> None:
-    """Refuse a run if for more of it than may be lost a quantity has no source.
+def _without_forcing(
+    period: Period, max_lost: float, quantity: str, sources: tuple[Source, ...], *, added: bool
+) -> list[str]:
+    """Return a complaint if for more of a run than may be lost a quantity has no source, [] otherwise.
 
-    sources: one term of the quantity's sum; place: the scenario that drifts in them, as a refusal calls it.
+    sources: one term of the quantity's sum.
     """
     if any(not source.times.size for source in sources):
-        return
+        return []
     first, last = period.span
-    spans = sorted(span for source in sources for span in stream.spans(source.times))
+    spans = sorted(span for source in sources for span in stream.spans(source))
     without, reached = [], first
     for begin, end in (*spans, (last, last)):
         if begin > reached:
@@ -309,14 +336,20 @@ def _check_times(
         reached = min(max(reached, end), last)
     without = [hole for hole in without if hole[1] > hole[0]]
     if not without or (max_lost == 1 and without != [(first, last)]):
-        return
+        return []
     share = 1 - float(sum((end - begin for begin, end in without), np.timedelta64(0, "s")) / (last - first))
     names = ", ".join(f'"{source.name}"' for source in sources)
     whole = f"{notation.group(min(s[0] for s in spans))} to {notation.group(max(s[1] for s in spans))}"
+    gaps = sorted(hole for source in sources for hole in stream.holes_of(source))
+    inside = any(begin < hole_end and hole_begin < end for begin, end in without for hole_begin, hole_end in gaps)
+    holds = (
+        f" with gaps of more than {stream.LONGEST_GAP} times its usual interval, which are not interpolated over"
+        * inside
+    )
     lacking = " and ".join(f"from {notation.group(begin)} to {notation.group(end)}" for begin, end in without[:3])
     more = f" and {len(without) - 3} times more" if len(without) > 3 else ""
-    raise UserError(
-        f"{place}: {quantity} {names} lasts from {whole}, the run from "
+    return [
+        f"{quantity} {names} lasts from {whole}{holds}, the run from "
         f"{notation.group(first)} to {notation.group(last)}: {math.floor(100 * share)}% of it is covered, "
         f"nothing {lacking}{more}, and without forcing all that is adrift is lost. Change "
         + (
@@ -324,4 +357,4 @@ def _check_times(
             if added
             else f"start, duration or end, or add another [[{quantity}]]"
         )
-    )
+    ]

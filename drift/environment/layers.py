@@ -27,7 +27,7 @@ from drift.motion import lanes as network_of
 from drift.motion.itinerary import Acts, InBox, InDisc, InRing, Itinerary, Near, Place, Ways
 from drift.motion.lanes import Network
 from drift.motion.scenario import Scenario
-from geo import polyline, sphere
+from geo import notation, polyline, sphere
 from geo.array import Array
 from geo.notation import KNOT
 
@@ -323,7 +323,7 @@ def _draw_ways(ax: Axes, frame: Frame, some: Sequence[_Shapes], style: dict[str,
     lines((outline for shapes in some for outline in shapes.outlines), color=style["color"], linewidth=0.9)
     for lon, lat, share in (odds for shapes in some for odds in shapes.odds):
         x, y = frame.project(lon, lat)
-        text = f"prior {100 * share:.3g} %"
+        text = f"prior {notation.number(100 * share, 3)} %"
         ax.annotate(
             text, (float(x), float(y)), (0, 3), textcoords="offset points", ha="center", fontsize=8,
             color=style["color"], path_effects=labels.HALO, zorder=14, annotation_clip=True,

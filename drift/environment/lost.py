@@ -129,8 +129,8 @@ def check_prior(spec: EnsembleSpec, where: Environment, max_lost: float, scene: 
                     places += _without(spec, where, quantity, term, numbers, *sums)
             summed = any(key[0] == quantity for named in where.scenarios for key in named.added)
             raise UserError(
-                f"[[{quantity}]]: {missing:.0%} of the prior lies where there is no {quantity} ({_some(places)}); "
-                f"at most {max_lost:.0%} may be lost (max_lost). "
+                f"[[{quantity}]]: {notation.percent(missing)} of the prior lies where there is no {quantity} ({_some(places)}); "
+                f"at most {notation.hundredths(max_lost)} % may be lost (max_lost). "
                 + ("A sum has no value where one of its terms has none. " if summed else "")
                 + f"Add a source, or move the {spec.story}"
             )
@@ -163,7 +163,9 @@ def _without(
         silent = [source for source in where.scenarios[number].of(quantity) if source.name in term.names]
         away = ", ".join(f'"{source.name}" {_away(source, *middle)}' for source in silent)
         share, name = lost / max(whole, 1e-300), spec.scenarios[number].name
-        found.append((number, f'{share:.0%} of {spec.story} "{name}", about {notation.position(*middle)}: {away}'))
+        found.append(
+            (number, f'{notation.percent(share)} of {spec.story} "{name}", about {notation.position(*middle)}: {away}')
+        )
     return found
 
 
@@ -185,9 +187,9 @@ def check_end(
         return
     box, silent = where.box, silence.in_words(silence.lost(scene.forcing, clock, ends))
     raise UserError(
-        f"{sum(lost.values()):.0%} of the probability was lost by the end: {lost[Status.OUTSIDE]:.0%} ran out of "
-        f"forcing{f' (no value: {silent})' if silent else ''}, {lost[Status.LEFT]:.0%} left the domain "
-        f"({box.west:.2f}..{box.east:.2f} E, {box.south:.2f}..{box.north:.2f} N); at most {max_lost:.0%} may be "
+        f"{notation.percent(sum(lost.values()))} of the probability was lost by the end: {notation.percent(lost[Status.OUTSIDE])} ran out of "
+        f"forcing{f' (no value: {silent})' if silent else ''}, {notation.percent(lost[Status.LEFT])} left the domain "
+        f"({box.west:.2f}..{box.east:.2f} E, {box.south:.2f}..{box.north:.2f} N); at most {notation.hundredths(max_lost)} % may be "
         "(max_lost). Shorten the run, add a source, or widen [domain]"
     )
 
@@ -199,9 +201,9 @@ def _check_domain(box: Box, max_lost: float, beyond: Array) -> None:
         return
     x, y = _middle(vector)
     raise UserError(
-        f"[domain]: {share:.0%} of the prior lies outside it, about {notation.position(x, y)}, from where it is "
+        f"[domain]: {notation.percent(share)} of the prior lies outside it, about {notation.position(x, y)}, from where it is "
         f"{_edge(box, x, y)} to its edge ({box.west:.2f}..{box.east:.2f} E {box.south:.2f}..{box.north:.2f} N); "
-        f"at most {max_lost:.0%} may be lost (max_lost). Widen [domain], or leave it out"
+        f"at most {notation.hundredths(max_lost)} % may be lost (max_lost). Widen [domain], or leave it out"
     )
 
 

@@ -11,7 +11,7 @@ from drift.motion.forcing import Forcing, Term
 from drift.particles import partials
 from drift.particles.snapshot import Snapshot
 from drift.particles.status import Status
-from geo import sphere
+from geo import notation, sphere
 from geo.array import Array
 from geo.forcing.quantity import needed
 
@@ -90,7 +90,7 @@ def in_words(shares: Shares) -> str:
     """Return shares in words, the largest first: current "tide" 28 %, wind "arome" 2 %."""
     largest = sorted(shares.items(), key=lambda item: -item[1])
     return ", ".join(
-        f"{quantity} {' and '.join(_quoted(name) for name in names)} {share:.0%}"
+        f"{quantity} {' and '.join(_quoted(name) for name in names)} {notation.percent(share)}"
         for (quantity, names), share in largest
         if share > 0
     )

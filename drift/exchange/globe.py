@@ -52,8 +52,8 @@ def _document(run: Finished) -> str:
         day = notation.iso(time)[:10]
         if day not in days:
             days[day] = kml.folder(document, f"Forecast {day}")
-        name = f"{notation.percent(share)} % {notation.group(time)}"
-        words = f"{run.words}. {notation.percent(share)} % area of {told['area_nmi2']:,.1f} nmi2"
+        name = f"{notation.hundredths(share)} % {notation.group(time)}"
+        words = f"{run.words}. {notation.hundredths(share)} % area of {told['area_nmi2']:,.1f} nmi2"
         kml.place(days[day], name, words, spans[notation.iso(time)], f"area{run.shares.index(share)}", geometry)
     _tracks(document, run, spans)
     _search(document, run)
@@ -100,7 +100,7 @@ def _search(document: ET.Element, run: Finished) -> None:
         begin = str(told.get("start") or told["time"])
         facts = [
             f"{told['kind']} {name}",
-            *(f"{k.upper()} {told[k]:.1%}" for k in ("poc", "pod", "pos") if told.get(k)),
+            *(f"{k.upper()} {notation.percent(told[k])}" for k in ("poc", "pod", "pos") if told.get(k)),
         ]
         look = "legs" if told["shape"] == "legs" else "field"
         span = (begin, str(told.get("end") or begin))
@@ -120,7 +120,7 @@ def _plan(document: ET.Element, run: Finished) -> None:
             folders[name] = kml.folder(parent, name)
         out = told["shape"] == "transit"
         span = (told["takeoff"], told["home"]) if out else (told["on_scene"], told["off_scene"])
-        words = f"{name}: on scene {told['on_scene']} to {told['off_scene']}, POS {told['pos']:.1%}"
+        words = f"{name}: on scene {told['on_scene']} to {told['off_scene']}, POS {notation.percent(told['pos'])}"
         look = {"area": "field", "csp": ""}.get(told["shape"], "legs")
         kml.place(folders[name], f"{told['area']} {told['shape']}", words, span, look, feature["geometry"])
 
@@ -135,7 +135,7 @@ def _coast(document: ET.Element, run: Finished) -> None:
         told = feature["properties"]
         words = (
             f"{told['position']}, {told['access']}, {told['length_km']:.1f} km: {told['number_10']:.0f} to {told['number_90']:.0f} objects at the end (10 "
-            f"to 90 %), {told['expected']:.3g} on average, probability of any {told['probability']:.1%}, that any ever comes {told['ever']:.1%}"
+            f"to 90 %), {told['expected']:.3g} on average, probability of any {notation.percent(told['probability'])}, that any ever comes {notation.percent(told['ever'])}"
         )
         span = notation.iso(times[0]), notation.iso(times[-1])
         kml.place(folder, f"{told['rank']}  {told['name']}", words, span, "track", feature["geometry"])
@@ -151,8 +151,8 @@ def _finds(document: ET.Element, run: Finished) -> None:
         odd = "ODD, check it: " if row["odd"] == "yes" else ""
         words = (
             f"{odd}{row['name']}, {row['position']}, {row['stretch']}, {row['class'] or 'class unknown'}, by {row['by']}; the next find was to be there "
-            f"with {float(row['probability_beforehand']):.1%}, anywhere at most as likely with {float(row['tail']):.1%}; none of ours with "
-            f"{float(row['none_of_ours']):.1%}"
+            f"with {notation.percent(float(row['probability_beforehand']))}, anywhere at most as likely with {notation.percent(float(row['tail']))}; none of ours with "
+            f"{notation.percent(float(row['none_of_ours']))}"
         )
         point = geojson.point(float(row["lon_deg"]), float(row["lat_deg"]))
         name = f"find {row['number']} {row['name']}{' (odd)' if odd else ''}"

@@ -73,7 +73,7 @@ def _document(run: Finished, day: str) -> str:
         for time, lon, lat in mean:
             gpx.point(segment, "trkpt", lon, lat, time=time)
     for time, share, told, lines in areas:
-        percent = notation.percent(share)
+        percent = notation.hundredths(share)
         words = f"{percent} % area {notation.group(time)}, {told['area_nmi2']:,.1f} nmi2"
         _lines(_track(root, f"{percent}% {names[time]}", words, "area"), lines)
     for feature in contacts:

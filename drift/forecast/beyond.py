@@ -8,7 +8,6 @@ import shapely
 from scipy import ndimage
 
 from drift.forecast.words import TELLING
-from drift.maps import labels
 from drift.maps.chart import Frame
 from geo import notation, sphere
 from geo.array import Array
@@ -39,7 +38,7 @@ def aside(frame: Frame, at: Any) -> str:
         return ""
     lon, lat, _ = _most(mass, at)
     inside = within(frame, np.array([[lon, lat]]))[0]
-    return f"{labels.percent(total)} outside the frame{'' if inside else f', {_point(frame, lon, lat)}'}"
+    return f"{notation.percent(total)} outside the frame{'' if inside else f', {_point(frame, lon, lat)}'}"
 
 
 def within(frame: Frame, points: Array) -> Array:
@@ -75,7 +74,7 @@ def _probability(frame: Frame, at: Any) -> str:
     if total <= TELLING:
         return ""
     lon, lat, alone = _most(mass, at)
-    words = f"{labels.percent(total)} of the probability lies outside this frame"
+    words = f"{notation.percent(total)} of the probability lies outside this frame"
     if within(frame, np.array([[lon, lat]]))[0]:  # their mean is in the frame, so they lie round it
         return f"{words}, on several sides"
     return f"{words}, {'' if alone else 'most of it '}{_where(frame, lon, lat)}"

@@ -295,7 +295,7 @@ def bands(
         return []
     effects = [band(share, forecast, few, 0.9)["path_effects"] for share in found]
     symbols = [Line2D([], [], solid_capstyle="butt", path_effects=effect) for effect in effects]
-    return [(symbols, f"On the coast: {', '.join(map(notation.percent, found))} %")]
+    return [(symbols, f"On the coast: {', '.join(map(notation.hundredths, found))} %")]
 
 
 def note(ax: Axes, texts: Sequence[str], **style: Any) -> None:

@@ -219,7 +219,7 @@ def sizes(at: Any, waiting: str) -> str:
     areas = list(zip(at["share"].values, at["containment_area"].values / NMI**2, strict=True))
     if np.isfinite(areas[0][1]):
         ends = dict.fromkeys((areas[0], areas[-1]))
-        return "   ".join(f"{notation.percent(share)} %: {labels.number(area)}" for share, area in ends) + " nmi²"
+        return "   ".join(f"{notation.hundredths(share)} %: {labels.number(area)}" for share, area in ends) + " nmi²"
     return waiting if forecast_words.statuses(at)["pending"] > 0 else "nothing left on the map"
 
 
@@ -227,7 +227,7 @@ def _off_map(at: Any, waiting: str) -> str:
     """Return how much of the probability a panel does not show, in a few words."""
     now = forecast_words.statuses(at)
     told = {"pending": waiting, "sunk": "sunk", "left": "left the domain", "outside": "out of forcing"}
-    return "\n".join(f"{labels.percent(now[name])} {words}" for name, words in told.items() if now[name] > 0)
+    return "\n".join(f"{notation.percent(now[name])} {words}" for name, words in told.items() if now[name] > 0)
 
 
 def _rows(
@@ -243,7 +243,7 @@ def _rows(
     rows: list[tuple[Any, str]] = []
     for outline in outlines:
         size = labels.number(outline.area / NMI**2)
-        words = f"{notation.percent(outline.share)} % area: {'rough, ' if few else ''}{size} nmi²"
+        words = f"{notation.hundredths(outline.share)} % area: {'rough, ' if few else ''}{size} nmi²"
         rows.append((Line2D([], [], **layers.line(outline.share, forecast, few)), words))
     rows += layers.bands(forecast, [time], forecast.shares, few)
     if few and outlines:
@@ -274,7 +274,7 @@ def _rows(
             [], [], color=layers.ASHORE, linestyle="none", marker="^", markersize=9, markeredgecolor="white"
         )
         where = coastal.words(forecast.data.isel(time=time))
-        told = f"Ashore, {labels.percent(ashore)} in all, size by probability{'; ' if where else ''}{where}"
+        told = f"Ashore, {notation.percent(ashore)} in all, size by probability{'; ' if where else ''}{where}"
         rows.append((triangle, told))
     if land:
         rows.append((Patch(facecolor=chart.LAND, edgecolor=chart.SHORE), "Land"))

@@ -22,7 +22,7 @@ def warnings(data: Any) -> list[str]:
     worst = int(np.argmax(off))
     if off[worst] >= OFF:
         texts.append(
-            f"output.grid: {off[worst]:.1%} of the probability lies outside it at {notation.group(times[worst])}"
+            f"output.grid: {notation.percent(off[worst])} of the probability lies outside it at {notation.group(times[worst])}"
             f"{_others(off >= OFF)}; areas and containment count it, cells do not"
         )
     coarse = np.nan_to_num(wide, nan=np.inf) < COARSE

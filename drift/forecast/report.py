@@ -63,7 +63,7 @@ def _on_coast(forecast: Forecast) -> list[Leaf]:
 
 def _columns(data: Any) -> list[tuple[str, str, str]]:
     """Return the columns of track.csv that say something in this run."""
-    held = [notation.percent(share) for share in data["share"].values]
+    held = [notation.hundredths(share) for share in data["share"].values]
     ever = data["status_probability"].values.max(axis=0) > 0
     status = [str(name) for name, there in zip(data["status"].values, ever, strict=True) if there]
     counts = {"effective_particles": "Particles that count", "effective_worlds": "Worlds that count on the map"}

@@ -60,7 +60,7 @@ def draw(forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence
         ax = on.figure.add_axes((left / width, bottom / height, WIDE / width, WIDE / height))
         own = _own(setting, story) if k else setting
         away = 1 - float(story.forecast.data["probability"].sum())
-        notes = [f"{labels.percent(away)} not on the map"] if away > forecast_words.TELLING and story.now > 0 else []
+        notes = [f"{notation.percent(away)} not on the map"] if away > forecast_words.TELLING and story.now > 0 else []
         mesh = forecast_map.small_map(ax, frame, story.forecast, 0, top, land, own, overlays, notes)
         for line in own.lines:
             layers.prior_line(ax, frame, line, setting.lines.index(line), 0.7)
@@ -102,8 +102,8 @@ def _titles(ax: Any, story: Story, name: str, whole: bool) -> None:
     small: dict[str, Any] = {"fontsize": 7, "color": INK, "transform": ax.transAxes}
     ax.text(1, 1.015, forecast_map.sizes(at, "") if story.now > 0 else "ruled out", ha="right", **small)
     if not whole:
-        ax.set_title(labels.percent(story.now), fontsize=9, weight="bold", loc="right", pad=14, color=INK)
-        ax.text(0, 1.015, f"{labels.percent(story.before)} at first", **small)
+        ax.set_title(notation.percent(story.now), fontsize=9, weight="bold", loc="right", pad=14, color=INK)
+        ax.text(0, 1.015, f"{notation.percent(story.before)} at first", **small)
 
 
 def _contents(forecast: Forecast, setting: Setting, found: Sequence[Story]) -> str:
@@ -130,7 +130,7 @@ def _key(panels: Sequence[Story], setting: Setting) -> list[tuple[Any, str]]:
     for share in every.ends:
         style = layers.line(share, every)
         symbol = Line2D([], [], **{**style, "linewidth": 0.7 * style["linewidth"]})
-        rows.append((symbol, f"{notation.percent(share)} % area"))
+        rows.append((symbol, f"{notation.hundredths(share)} % area"))
     rows += next(filter(None, (layers.bands(story.forecast, [0], every.ends) for story in panels)), [])
     if any(float(story.forecast.data["probability_ashore"].sum()) >= labels.TINY for story in panels):
         rows.append((Line2D([], [], color=layers.ASHORE, linestyle="none", marker="^", markersize=6), "Ashore"))

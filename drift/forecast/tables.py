@@ -32,7 +32,7 @@ def numbers(forecast: Forecast, opens: np.datetime64 | None = None) -> dict[str,
 
 def _output(forecast: Forecast, i: int) -> dict[str, Any]:
     data, at = forecast.data, forecast.data.isel(time=i)
-    held = [f"{notation.percent(share)}%" for share in at["share"].values]
+    held = [f"{notation.hundredths(share)}%" for share in at["share"].values]
     areas = at["containment_area"].values
     status = [str(s) for s in at["status"].values]
     return {
@@ -81,7 +81,7 @@ def _place(lon: float, lat: float) -> dict[str, Any] | None:
 def track(forecast: Forecast, run: str) -> str:
     """Return the mean track with areas and account by time, as CSV; run: its run_id, in the last column."""
     data = forecast.data
-    held = [notation.percent(share) for share in data["share"].values]
+    held = [notation.hundredths(share) for share in data["share"].values]
     status = [str(s) for s in data["status"].values]
     rows = []
     for i in range(data.sizes["time"]):

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from drift.forecast.build import Forecast
-from drift.maps import labels
 from geo import notation
 
 STATUS = {
@@ -64,7 +63,7 @@ def waiting(data: Any) -> str:
 def account(at: Any) -> str:
     """Return the account in words: what is adrift, ashore, and lost to the map."""
     called = STATUS | STEERING if steers(at) else STATUS
-    parts = [f"{called[name]} {labels.percent(value)}" for name, value in statuses(at).items() if value > 0]
+    parts = [f"{called[name]} {notation.percent(value)}" for name, value in statuses(at).items() if value > 0]
     return "Account:  " + "   ·   ".join(parts)
 
 
@@ -76,9 +75,9 @@ def missing(at: Any) -> str:
         return ""
     if len(off) == 1:
         ((name, value),) = off.items()
-        return f"{labels.percent(value)} of the probability {told[name]} and is not on the map; {REST}"
-    parts = ", ".join(f"{labels.percent(value)} {told[name]}" for name, value in off.items())
-    return f"{labels.percent(sum(off.values()))} of the probability is not on the map: {parts}; {REST}"
+        return f"{notation.percent(value)} of the probability {told[name]} and is not on the map; {REST}"
+    parts = ", ".join(f"{notation.percent(value)} {told[name]}" for name, value in off.items())
+    return f"{notation.percent(sum(off.values()))} of the probability is not on the map: {parts}; {REST}"
 
 
 def unshaded(at: Any) -> str:
@@ -86,7 +85,7 @@ def unshaded(at: Any) -> str:
     off = float(at["off_grid"]) if "off_grid" in at else 0.0
     if not off > TELLING:
         return ""
-    return f"{labels.percent(off)} of the probability lies outside output.grid and is not shaded; areas count it"
+    return f"{notation.percent(off)} of the probability lies outside output.grid and is not shaded; areas count it"
 
 
 def basis(forecast: Forecast, time: int, particles: int | None) -> str:
@@ -108,5 +107,5 @@ def span(times: Sequence[Any], ends: Sequence[float]) -> str:
 
 def held(ends: Sequence[float]) -> str:
     """Return in words what the numbers over a small map are."""
-    shares = " and ".join(notation.percent(share) for share in ends)
+    shares = " and ".join(notation.hundredths(share) for share in ends)
     return f"areas that hold {shares} % (lines; bands on the coast), in nmi²"

@@ -86,15 +86,6 @@ def number(value: float) -> str:
     return f"{round(value, digits):,.{max(digits, 0)}f}"
 
 
-def percent(share: float) -> str:
-    """Return a share in percent; nothing (0 %) differs from little (< 0.1 %), and all from nearly all."""
-    if share <= 0:
-        return "0 %"
-    if share < TINY:
-        return "< 0.1 %"
-    return "> 99.9 %" if 1 - TINY < share < 1 - 1e-9 else f"{100 * share:.1f} %"
-
-
 def scale(top: float) -> tuple[float, str]:
     """Return the area [nmi2], and its name, by which a density [% per nmi2] reads best: nmi2 from 0.01 to 100."""
     if 0.01 <= top < 100:

@@ -66,6 +66,15 @@ def meaning(word: str, classes: Sequence[str]) -> Meaning | None:
     return Meaning(frozenset(_matching(patterns, classes)), note)
 
 
+def search_objects_of(text: str, classes: Sequence[str]) -> tuple[str, ...] | None:
+    """Return what of the sweep width tables goes with a word or phrase, () for nothing; None where it is no such word."""
+    meant = meaning(" ".join(text.lower().split()), classes)
+    if meant is None:
+        return None
+    found = (search_objects(name) for name in classes if name in meant.classes)
+    return tuple(dict.fromkeys(name for one in found if one for name in one.names))
+
+
 def search_objects(name: str) -> SearchObjects | None:
     """Return what of the sweep width tables goes with a class; None where nothing of its size is in them."""
     for row in _rows("search_objects.csv"):
@@ -75,7 +84,8 @@ def search_objects(name: str) -> SearchObjects | None:
 
 
 def _known(word: str) -> str | None:
-    return next((key for key in (word, word.removesuffix("s")) if key in _meanings()), None)
+    spelled = (word, word.replace("-", " "), word.replace("-", ""))
+    return next((key for one in spelled for key in (one, one.removesuffix("s")) if key in _meanings()), None)
 
 
 def _matching(patterns: str, classes: Sequence[str]) -> list[str]:

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
+from geo import notation
+
 CASE, DEFAULT, NOWHERE, RIVALS, MEMBERS, UNFELT = (
     "case", "default", "not from model files", "rival sources", "the spread of its members stands for it",
     "nothing drifts with it",
@@ -54,7 +56,7 @@ def words(current: ForcingError, wind: ForcingError | None, diffusivity: float, 
     by: who says the diffusivity. wind: None where there is no wind.
     """
     parts = [_words("current", current), *([_words("wind", wind)] if wind is not None else [])]
-    parts += [f"diffusivity {diffusivity:g} m2/s ({by})"] if diffusivity > 0 else []
+    parts += [f"diffusivity {notation.number(diffusivity)} m2/s ({by})"] if diffusivity > 0 else []
     return "; ".join(parts)
 
 
@@ -63,9 +65,9 @@ def _words(quantity: str, error: ForcingError) -> str:
     parts = []
     if error.std > 0:
         whose = std if std == time else f"{std}, time by {time}"
-        parts.append((f"{error.std:.4g} m/s over {error.time / HOUR:.4g} h", whose))
+        parts.append((f"{notation.number(error.std)} m/s over {notation.number(error.time / HOUR)} h", whose))
     if error.bias > 0:
-        parts.append((f"{error.bias:.4g} m/s that lasts", bias))
+        parts.append((f"{notation.number(error.bias)} m/s that lasts", bias))
     if not parts:
         return f"no error of the {quantity} ({std})"
     if len({whose for _, whose in parts}) == 1:

@@ -109,8 +109,8 @@ def _description(tasking: Tasking) -> str:
     return (
         f"{tasking.unit.name}: on scene {notation.group(tasking.on_scene)}, off {notation.group(tasking.off_scene)}; "
         f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f} nmi, spacing {tasking.spacing / NMI:.2f} nmi, "
-        f"creep {subareas.degrees(tasking.creep):03d}T, {tasking.unit.search_speed / KNOT:.0f} kn; "
-        f"POS {plan_text.chance(tasking.pos)}"
+        f"creep {subareas.degrees(tasking.creep):03d}T, {notation.number(tasking.unit.search_speed / KNOT)} kn; "
+        f"POS {notation.probability(tasking.pos)}"
     )
 
 

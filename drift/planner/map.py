@@ -277,14 +277,14 @@ def _legend(
         style = layers.line(outline.share, forecast, few)
         symbol = Line2D([], [], **{**style, "linewidth": 0.7 * style["linewidth"]})
         size = f"{'rough, ' if few else ''}{labels.number(outline.area / NMI**2)}"
-        rows.append((symbol, f"{notation.percent(outline.share)} % area: {size} nmi²"))
+        rows.append((symbol, f"{notation.hundredths(outline.share)} % area: {size} nmi²"))
     if few and outlines:
         rows.append((Patch(**layers.ROUGH), "Rough: few particles"))
     if marks:
         rows.append((layers.mark_symbol(7, 11), "Position known or reported"))
     if ashore >= labels.TINY:
         style = {"color": layers.ASHORE, "linestyle": "none", "markeredgecolor": "white"}
-        rows.append((Line2D([], [], marker="^", markersize=8, **style), f"Ashore, {labels.percent(ashore)}"))
+        rows.append((Line2D([], [], marker="^", markersize=8, **style), f"Ashore, {notation.percent(ashore)}"))
     if land:
         rows.append((Patch(facecolor=chart.LAND, edgecolor=chart.SHORE), "Land"))
     rows += more
@@ -310,11 +310,11 @@ def _panel(figure: Figure, plan: Plan) -> None:
         lines.append((text, high, weight, indent))
 
     for name, tasking in zip(subareas.names(plan), plan.taskings, strict=True):
-        say(f"{name}  {page.fit(tasking.unit.name, 26)}   POS {plan_text.chance(tasking.pos)}", 1.15, "bold")
+        say(f"{name}  {page.fit(tasking.unit.name, 26)}   POS {notation.probability(tasking.pos)}", 1.15, "bold")
         say(f"on scene {short(tasking.on_scene)} to {short(tasking.off_scene)}, home {short(tasking.home)}")
         extent = f"{tasking.length / NMI:.1f} × {tasking.width / NMI:.1f} nmi"
         along = f"along {subareas.degrees(tasking.orientation):03d}T"
-        say(f"{extent} {along}, {tasking.unit.search_speed / KNOT:.0f} kn")
+        say(f"{extent} {along}, {notation.number(tasking.unit.search_speed / KNOT)} kn")
         if tasking.sortie.legs is not None:
             say(f"CSP {notation.position(*subareas.begin(tasking))}")
             spacing, creep = tasking.spacing / NMI, subareas.degrees(tasking.creep)
@@ -326,14 +326,14 @@ def _panel(figure: Figure, plan: Plan) -> None:
         say("No unit can search in this period.", 1.5, "bold")
     say("POS, had it been", 1.05, "bold")
     for scenario, pos in subareas.stories(plan):
-        say(f"{plan_text.chance(pos)}  {page.fit(scenario, 40)}")
+        say(f"{notation.probability(pos)}  {page.fit(scenario, 40)}")
     if plan.alternatives:
         say("", 0.3)
         say("Compared, on the particles that it was made on", 1.05, "bold")
-        say(f"{plan_text.chance(plan.seen)}  this plan")
+        say(f"{notation.probability(plan.seen)}  this plan")
         for other in plan.alternatives:
             first, *rest = textwrap.wrap(other.name, 46) or [""]
-            say(f"{plan_text.chance(other.value)}  {first}")
+            say(f"{notation.probability(other.value)}  {first}")
             if rest:
                 say(page.fit(" ".join(rest), 46), indent=FIGURES)
     top, bottom = 0.9, 0.295

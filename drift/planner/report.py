@@ -10,7 +10,7 @@ SPAN = ("on_scene", "off_scene")
 TOLD = [
     ("unit", "Unit", "words"), ("on_scene", "On scene", "time"), ("off_scene", "Off scene", "time"), ("pos", "POS", "share"),
     ("length_nmi", "Length, nmi", "number"), ("width_nmi", "Width, nmi", "number"), ("spacing_nmi", "Track spacing, nmi", "number"),
-    ("legs", "Legs", "count"), ("creep_deg", "Creep, deg true", "number"), ("search_speed_kn", "Search speed, kn", "number"),
+    ("legs", "Legs", "count"), ("creep_deg", "Creep, deg true", "number"), ("search_speed_kn", "Search speed, kn", "stated"),
 ]  # fmt: skip
 
 

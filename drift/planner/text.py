@@ -104,9 +104,11 @@ def worth(plan: Plan) -> str:
     The bound is rounded up; with three digits where two tell no difference.
     """
     digits = 3 if plan.bound is not None and f"{plan.value:.2f}" == f"{_up(plan.bound, 2):.2f}" else 2
-    value = f"POS {chance(plan.value, digits)}"
+    value = f"POS {notation.probability(plan.value, digits)}"
     if plan.spec.objective == "alive":
-        value = f"{chance(plan.value, digits)} to detect alive (POS {chance(plan.pos, digits)})"
+        value = (
+            f"{notation.probability(plan.value, digits)} to detect alive (POS {notation.probability(plan.pos, digits)})"
+        )
     if plan.bound is None:
         return f"{value}; no bound: {plan.unbounded}" if plan.unbounded else value
     error = f" (+-{_up(2 * plan.bound_error, digits):.{digits}f})" if plan.bound_error > 0 else ""
@@ -117,25 +119,15 @@ def stranded(plan: Plan) -> str:
     """Return what becomes of what lies ashore: how likely that is, and whether the plan looks for it; "" for nothing."""
     if max(plan.ashore, plan.pos_ashore) < TOLD_ASHORE:
         return ""
-    lies = f"it lies ashore with {_percent(plan.ashore)} when the plan begins"
+    lies = f"it lies ashore with {notation.percent(plan.ashore)} when the plan begins"
     if plan.spec.ashore:
-        return f"{lies}; {chance(plan.pos_ashore)} of the POS is of what lies there as a unit passes"
+        return f"{lies}; {notation.probability(plan.pos_ashore)} of the POS is of what lies there as a unit passes"
     return f"{lies}; units look for what is afloat alone (ashore = true in [plan]: they see the shore), have the shore searched"
 
 
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f} %"
-
-
-def chance(value: float, digits: int = 2) -> str:
-    """Return a probability in so many digits; what is not certain is not written as 1."""
-    rounded = f"{value:.{digits}f}"
-    return f">{1 - 10.0**-digits:.{digits}f}" if value < 1 and float(rounded) == 1 else rounded
-
-
 def _share(value: float) -> str:
-    """Return a share in whole percent; what is not all of it is not written as 100."""
-    return "all" if value == 1 else f"{min(round(100 * value), 99)} %"
+    """Return a share in whole percent; all of it is "all"."""
+    return "all" if value == 1 else notation.percent(value, 0)
 
 
 def _up(value: float, digits: int) -> float:
@@ -165,7 +157,7 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
         rows.append(("", loose))
     rows.append(("Optimism", f"{plan.seen - plan.value:+.3f} on the particles that the plan was made on"))
     for k, (name, pos) in enumerate(subareas.stories(plan)):
-        rows.append(("POS, had it been" if k == 0 else "", f"{chance(pos):5} {name}"))
+        rows.append(("POS, had it been" if k == 0 else "", f"{notation.probability(pos):5} {name}"))
     return [line for row in rows for line in _row(*row)]
 
 
@@ -174,7 +166,9 @@ def _table(plan: Plan, names: Sequence[str]) -> list[str]:
     for name, tasking in zip(names, plan.taskings, strict=True):
         times = [_short(time) for time in (tasking.takeoff, tasking.on_scene, tasking.off_scene, tasking.home)]
         unit = tasking.unit.name if len(tasking.unit.name) <= 23 else f"{tasking.unit.name[:20]}..."
-        lines.append(f"   {name:6}{unit:24}{times[0]:9}{times[1]:10}{times[2]:9}{times[3]:9}{chance(tasking.pos):>5}")
+        lines.append(
+            f"   {name:6}{unit:24}{times[0]:9}{times[1]:10}{times[2]:9}{times[3]:9}{notation.probability(tasking.pos):>5}"
+        )
     return [*lines, *_fill("POS: of each, given that all before it in this list have failed", 3)]
 
 
@@ -205,28 +199,33 @@ def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
         ways = f"{subareas.round_length(tasking) / NMI:.1f} nmi of ways round it search nothing"
         swept = f"{subareas.track_length(tasking) / NMI:.1f} nmi search {_share(tasking.swept)} of the sea in the area"
         rows.append(("Cut legs", f"{listed(tasking.cut)}: cut at the coast; {swept}; {ways}"))
-    rows.append(("Speed", f"{unit.search_speed / KNOT:.0f} kn search, {unit.transit_speed / KNOT:.0f} kn transit"))
+    rows.append(
+        (
+            "Speed",
+            f"{notation.number(unit.search_speed / KNOT)} kn search, {notation.number(unit.transit_speed / KNOT)} kn transit",
+        )
+    )
     if math.isfinite(unit.altitude):
         what = "Height of eye" if unit.kind == "Boat" else "Altitude"
-        rows.append((what, f"{unit.altitude / FOOT:.0f} ft"))
+        rows.append((what, f"{notation.number(unit.altitude / FOOT)} ft"))
     waits = float((tasking.takeoff - max(unit.ready, plan.spec.begin)) / np.timedelta64(1, "h"))
     if waits >= LONG_WAIT:
         why = f": {tasking.waits}" if tasking.waits else ""
         rows.append(("Waits", f"{waits:.1f} h after it is ready{why}"))
     rows += [
-        ("Takeoff", f"{notation.group(tasking.takeoff)}   from {notation.position(*unit.base)}"),
+        ("Takeoff", f"{notation.group(tasking.takeoff)}   from {notation.stated_position(*unit.base)}"),
         ("On scene", notation.group(tasking.on_scene) + ("   at the CSP" if sortie.legs else "")),
         ("Off scene", f"{notation.group(tasking.off_scene)}   at {notation.position(*subareas.end(tasking))}"),
-        ("Home", f"{notation.group(tasking.home)}   at {notation.position(*unit.return_to)}"),
+        ("Home", f"{notation.group(tasking.home)}   at {notation.stated_position(*unit.return_to)}"),
         *(
             (which, f"{way / NMI:.1f} nmi by sea, {straight / NMI:.1f} nmi straight")
             for which, way, straight in subareas.by_sea(tasking)
         ),
-        ("POS", chance(tasking.pos)),
+        ("POS", notation.probability(tasking.pos)),
     ]
     if unit.afloat:
-        keeps = [f"{unit.clear_of_land / NMI:.2g} nmi off land"] * (unit.clear_of_land > 0)
-        keeps += [f"in water deeper than {unit.draught:.1f} m"] * (unit.draught > 0)
+        keeps = [f"{notation.number(unit.clear_of_land / NMI)} nmi off land"] * (unit.clear_of_land > 0)
+        keeps += [f"in water deeper than {notation.number(unit.draught)} m"] * (unit.draught > 0)
         rows += [("Keeps", ", ".join(keeps))] * bool(keeps)
     return [f"   {title}", *(line for row in rows for line in _row(*row, indent=6)), *_expected(plan, tasking)]
 
@@ -254,7 +253,10 @@ def _expected(plan: Plan, tasking: Tasking) -> list[str]:
         for state in ((False, True) if tasking.sortie.width_under_way else (False,))
     ]
     if all(np.ptp(width) < 1e-9 and np.ptp(coverage) < 1e-9 for _, width, coverage in by_state):
-        lines = [f"{chance(pod[0])} at W {w[0]:.2f} nmi, coverage {c[0]:.2f}" for pod, w, c in by_state]
+        lines = [
+            f"{notation.probability(pod[0])} at W {notation.number(w[0], 3)} nmi, coverage {c[0]:.2f}"
+            for pod, w, c in by_state
+        ]
         if len(set(lines)) > 1:
             lines = [f"{line}, {state}" for line, state in zip(lines, STATES, strict=True)]
         return [
@@ -271,7 +273,7 @@ def _expected(plan: Plan, tasking: Tasking) -> list[str]:
     wide = max(len(name) for name, _ in rows)
     lines = [f"{'':{wide}}   POD  W [nmi]  Coverage"]
     for name, figures in rows:
-        lines.append(f"{name:{wide}} {chance(figures[0]):>5}  {figures[1]:7.2f}  {figures[2]:8.2f}")
+        lines.append(f"{name:{wide}} {notation.probability(figures[0]):>5}  {figures[1]:7.2f}  {figures[2]:8.2f}")
     return [f"      {'' if k else EXPECTED:{LABEL}}{line}" for k, line in enumerate(lines)]
 
 

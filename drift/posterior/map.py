@@ -211,7 +211,7 @@ def _lone(ax: Axes, own: Panel, row: int, bar: int, y: tuple[float, float]) -> N
 
 def _percent(ax: Axes, share: float, x: float, y: float, many: int) -> None:
     """Write a share over its bar."""
-    text = "" if share <= 0 else "<1" if share < 0.005 else f"{100 * share:.0f}"
+    text = "" if share <= 0 else notation.percent(share, 0, "")
     ax.text(x, y - 0.02, text, ha="center", va="bottom", fontsize=7.5 if many <= 9 else 6.5, color=INK, zorder=5)
 
 
@@ -287,7 +287,7 @@ def _figures(ax: Axes, posteriors: Posteriors, stages: list[Stage], told: Told) 
 
 
 def _percentage(share: float) -> str:
-    return labels.percent(share) if share < 0.0995 or 0.9995 > share > 0.995 else f"{100 * share:.0f} %"
+    return notation.short_percent(share)
 
 
 def _said(posteriors: Posteriors, told: Told, value: float) -> str:

@@ -19,6 +19,7 @@ from drift.maps.imprint import Setting
 from drift.maps.sheet import Badge, Row, Sheet
 from drift.motion.family import Along
 from drift.posterior.ranking import Ranking
+from geo import notation
 from geo.array import Array
 
 BEFORE, NOW, LIGHT = "#aab4bd", "#3d7ab5", "#e3e8ec"
@@ -102,9 +103,9 @@ def _ranks(ax: Axes, ranking: Ranking) -> None:
     ax.set_yticks(y, told, fontsize=8.5, color=INK)
     ax.set_title("Likeliest stories [%]", fontsize=10, weight="bold", color=INK, loc="left", pad=7)
     for k, (before, after) in enumerate(zip(prior, now, strict=True)):
-        ax.text(top * 1.03, k - 0.17, labels.percent(after), fontsize=9, color=INK, va="center")
+        ax.text(top * 1.03, k - 0.17, notation.percent(after), fontsize=9, color=INK, va="center")
         factor = f", × {_factor(after / before)}" if before > 0 else ""
-        ax.text(top * 1.03, k + 0.22, f"{labels.percent(before)} before{factor}", fontsize=7, color=GREY, va="center")
+        ax.text(top * 1.03, k + 0.22, f"{notation.percent(before)} before{factor}", fontsize=7, color=GREY, va="center")
     _plain(ax, "x")
 
 
@@ -123,13 +124,21 @@ def _axis(ax: Axes, along: Along, ranking: Ranking) -> None:
     ax.set_xlim(-0.6, len(now) - 0.4)
     if len(now) <= NAMED:
         for k, value in enumerate(np.maximum(now, prior).tolist()):
-            ax.text(k, value + 0.02 * top, _percent(float(now[k])), fontsize=7, color=INK, ha="center", va="bottom")
+            ax.text(
+                k,
+                value + 0.02 * top,
+                notation.percent(float(now[k]), 0, ""),
+                fontsize=7,
+                color=INK,
+                ha="center",
+                va="bottom",
+            )
     told, step = page.names(list(along.axis.labels), WORD), -(-len(now) // NAMED)
     aslant: dict[str, Any] = {"rotation": 45, "ha": "right", "rotation_mode": "anchor"} if _aslant(along) else {}
     ax.set_xticks(x[::step], told[::step], fontsize=7, color=INK, **aslant)
     ax.set_title(page.fit(f"By {along.axis.name} [%]", 28), fontsize=9, weight="bold", color=INK, loc="left", pad=7)
     if 0 < prior.sum() < 1 - 1e-9:
-        words = f"in all {labels.percent(float(now.sum()))}, {labels.percent(float(prior.sum()))} before"
+        words = f"in all {notation.percent(float(now.sum()))}, {notation.percent(float(prior.sum()))} before"
         ax.set_title(words, fontsize=7, color=GREY, loc="right", pad=7)
     _plain(ax, "y")
 
@@ -143,10 +152,6 @@ def _aslant(along: Along) -> bool:
 def _under(along: Along) -> float:
     """Return the room [in] under a chart for what values are called."""
     return 0.2 + (LETTER * min(max(map(len, along.axis.labels)), WORD) if _aslant(along) else 0.0)
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.0f}" if share >= 0.005 or share <= 0 else "<1"
 
 
 def _plain(ax: Axes, values: str) -> None:

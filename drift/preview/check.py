@@ -20,6 +20,7 @@ from drift.spill import renewal
 from drift.spill.records import Spill
 from drift.suspend import alive
 from geo import notation
+from geo.box import Box
 from geo.coast import shore
 from geo.coast.segments import Segments
 from geo.forcing.sources import Source
@@ -53,11 +54,11 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
         ends, refused = outlook.ends(case, begin)
     finally:
         begin.scene.forcing.close()
-    box, span = where.box, f"{notation.group(case.start)} to {notation.group(case.end)}"
+    box, span = where.box, f"{notation.stated_time(case.start)} to {notation.stated_time(case.end)}"
     lines = {
         "warning": refused,
         "run": f"{span}, {case.particles:,} particles, step {begin.clock.step} s",
-        "domain": f"{box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N",
+        "domain": _domain(case.domain, box),
         "work": work,
         "by the end": ends,
         "errors": facts.errors(case),
@@ -85,8 +86,16 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
         objects = {_becomes(case.scenarios[own[k]]) for k in shown.rest}
         some = ", ".join(sorted(objects)[:3]) + (f" and {len(objects) - 3} more" if len(objects) > 3 else "")
         name = shown.names([case.scenarios[k].name for k in own])[-1]
-        lines[name] = f"{shown.sums(weights)[-1]:.0%} together: {some}"
+        lines[name] = f"{notation.percent(shown.sums(weights)[-1])} together: {some}"
     return lines | _search(case)
+
+
+def _domain(stated: Box | None, box: Box) -> str:
+    """Return the limits of the domain [deg]: as stated, or rounded where the run chose it."""
+    west, east, south, north = (
+        notation.number(angle) if stated else f"{angle:.2f}" for angle in (box.west, box.east, box.south, box.north)
+    )
+    return f"{west} to {east} E, {south} to {north} N"
 
 
 def _families(case: Case, dry: Sequence[float]) -> dict[str, str]:
@@ -100,7 +109,7 @@ def _families(case: Case, dry: Sequence[float]) -> dict[str, str]:
             for axis in family.axes
         ]
         lines[f'family "{family.name}"'] = (
-            f"{sum(case.scenarios[k].weight for k in own):.0%}, {len(own):,} scenarios: {'; '.join(axes)}"
+            f"{_weight(sum(case.scenarios[k].weight for k in own))}, {len(own):,} scenarios: {'; '.join(axes)}"
         )
         name = f'such as "{first.name}"'
         lines[name] = _scenario(first, max(dry[k] for k in own)).replace("its prior", "a prior at most")
@@ -119,7 +128,7 @@ def _becomes(scenario: Scenario) -> str:
 
 def _source(case: Case, source: Source) -> str:
     """Return how a source was understood, and when within the run it has nothing."""
-    missing = f"{source.missing:.1%} missing; " if source.missing else ""
+    missing = f"{notation.percent(source.missing)} missing; " if source.missing else ""
     text = f"{missing}{'; '.join(source.notes) or 'as is'}"
     holes = outlook.holes(case, source)
     return f"{text}; {holes}: what drifts then needs another source" if holes else text
@@ -129,39 +138,45 @@ def _scenario(scenario: Scenario, dry: float) -> str:
     """Return how a scenario was understood; dry: share of its prior that is on land."""
     own = scenario.itinerary
     adrift = f"{scenario.object.name}: {scenario.object.description}"
-    weight = f"{scenario.weight:.0%}" if scenario.weight >= 0.01 else f"{scenario.weight:.2%}"
-    text = f"{weight}, {adrift if own is None else voyage.words(own, adrift)}"
+    text = f"{_weight(scenario.weight)}, {adrift if own is None else voyage.words(own, adrift)}"
     if scenario.object.lull > 0 and (own is None or own.distress is not None):
         text += f"; leads upwind in winds below {scenario.object.lull:.1f} m/s"
     if dry > 0:
-        text += f"; {dry:.1%} of its prior is on land and left out"
+        text += f"; {notation.percent(dry)} of its prior is on land and left out"
     if scenario.survival is not None:
         text += f"; alive: {alive.basis(scenario)}"
     return text
+
+
+def _weight(weight: float) -> str:
+    """Return a weight in percent: as stated, or to three digits where the case states it in other units."""
+    return f"{notation.number(100 * weight, 3)} %"
 
 
 def _search(case: Case) -> dict[str, str]:
     """Return how sorties, contacts, sensors and what a plan may send were understood."""
     lines = {f'sortie "{sortie.name}"': _sortie(sortie) for sortie in case.sorties}
     for contact in case.contacts:
-        doubt = f"belief {contact.belief:g}"
+        doubt = f"belief {notation.number(contact.belief)}"
         if contact.false_density > 0:
-            doubt = f"false {contact.false_density:.3g} per unit"
-        lines[f'contact "{contact.name}"'] = f"{contact.kind}, {notation.group(contact.time)}, {_heard(contact)}{doubt}"
+            doubt = f"false {notation.number(contact.false_density)} per unit"
+        lines[f'contact "{contact.name}"'] = (
+            f"{contact.kind}, {notation.stated_time(contact.time)}, {_heard(contact)}{doubt}"
+        )
     for what in (*case.sensors.telling, *case.sensors.lines):
         lines[f'{type(what).__name__.lower()} "{what.name}"'] = _sensor(what)
     for sensor in case.named_sensors.values():
         lines[f'sensor "{sensor.name}"'] = _named_sensor(sensor)
     for unit in case.units:
         lines[f'unit "{unit.name}"'] = (
-            f"from {notation.position(*unit.base)}, ready {notation.group(unit.ready)}, "
-            f"{unit.endurance / 3600:g} h on scene, W {_widths(unit.sweep_width)}"
+            f"from {notation.stated_position(*unit.base)}, ready {notation.stated_time(unit.ready)}, "
+            f"{notation.number(unit.endurance / 3600)} h on scene, W {_widths(unit.sweep_width)}"
             f"{', by daylight' if unit.daylight else ''}"
         )
     for tow in case.tows:
         lines[f'tow "{tow.name}"'] = _tow(tow)
     spec = case.plan
-    span = f"{notation.group(spec.begin)} to {notation.group(spec.until)}"
+    span = f"{notation.stated_time(spec.begin)} to {notation.stated_time(spec.until)}"
     if case.units:
         lines["plan"] = f"{span}, for {spec.objective}, {spec.rounds} round(s)"
     elif case.tows:
@@ -174,25 +189,25 @@ def _search(case: Case) -> dict[str, str]:
 def _tow(tow: Tow) -> str:
     """Return what a ship tows, from when on, how, and where it may."""
     words = [
-        f'tows "{tow.sensor.name}" at {tow.speed / KNOT:g} kn on {"a leg" if tow.legs == 1 else "one or two legs"}'
+        f'tows "{tow.sensor.name}" at {notation.number(tow.speed / KNOT)} kn on {"a leg" if tow.legs == 1 else "one or two legs"}'
     ]
     if tow.base is not None:
-        words.append(f"from {notation.position(*tow.base)} at {tow.transit_speed / KNOT:g} kn")
-    words.append(f"ready {notation.group(tow.ready)}")
+        words.append(f"from {notation.stated_position(*tow.base)} at {notation.number(tow.transit_speed / KNOT)} kn")
+    words.append(f"ready {notation.stated_time(tow.ready)}")
     if math.isfinite(tow.endurance):
-        words.append(f"for {tow.endurance / 3600:g} h")
+        words.append(f"for {notation.number(tow.endurance / 3600)} h")
     words.append(f"begins in {_extent(tow.begin)}")
     if tow.allowed is not None:
         words.append(f"stays in {_extent(tow.allowed)}")
     if tow.courses is not None:
         low, high = (math.degrees(course) % 360 for course in tow.courses)
-        words.append(f"courses {low:.0f} to {high:.0f}")
+        words.append(f"courses {notation.bearing(low)} to {notation.bearing(high)}")
     return ", ".join(words)
 
 
 def _extent(area: Area) -> str:
     """Return the corners of an area."""
-    return " - ".join(f"{notation.position(*corner)}" for corner in zip(area.lon, area.lat, strict=True))
+    return " - ".join(f"{notation.stated_position(*corner)}" for corner in zip(area.lon, area.lat, strict=True))
 
 
 def _processing(own: Processing) -> str:
@@ -201,9 +216,9 @@ def _processing(own: Processing) -> str:
     slots = len(own.edges) - 1
     hours = (own.edges[1] - own.edges[0]) / np.timedelta64(1, "h")
     manned = "" if own.manned.all() else f", {int(own.manned.sum())} of {own.manned.size} slots manned"
-    cost = f", a beam must add {own.cost:g}" if own.cost > 0 else ""
+    cost = f", a beam must add {notation.number(own.cost)}" if own.cost > 0 else ""
     span = f"{notation.group(own.edges[0])} to {notation.group(own.edges[-1])}"
-    return f"{span}, {slots} slot(s) of {hours:g} h, {len(own.processors)} processor(s){manned}, beams: {beams}{cost}"
+    return f"{span}, {slots} slot(s) of {notation.number(hours)} h, {len(own.processors)} processor(s){manned}, beams: {beams}{cost}"
 
 
 def _heard(contact: Contact) -> str:
@@ -214,11 +229,11 @@ def _heard(contact: Contact) -> str:
     words = [f'sensor "{own.sensor.name}"']
     if own.mirrored:
         image = math.degrees(contacts.image(contact.bearing, own.heading))
-        words.append(f"bearing {math.degrees(contact.bearing):.0f} or {image:.0f}")
+        words.append(f"bearing {notation.bearing(math.degrees(contact.bearing))} or {notation.bearing(image)}")
     if own.level is not None:
-        words.append(f"received level {own.level[0]:g} dB")
+        words.append(f"received level {notation.number(own.level[0])} dB")
     if own.tone is not None:
-        words.append(f"frequency {own.tone.value:g} Hz of {own.tone.source:g} Hz")
+        words.append(f"frequency {notation.number(own.tone.value)} Hz of {notation.number(own.tone.source)} Hz")
     return "".join(f"{word}, " for word in words)
 
 
@@ -228,10 +243,10 @@ def _named_sensor(sensor: Sensor) -> str:
     if isinstance(sees, Sonar):
         many = len(sees.gain.beams)
         beams = f", {many} beams" if many > 1 else ""
-        kind = f"sonar{beams}, losses {sees.losses.name} to {sees.losses.range[-1] / NMI:.3g} nmi"
+        kind = f"sonar{beams}, losses {sees.losses.name} to {notation.number(sees.losses.range[-1] / NMI)} nmi"
     else:
-        kind = f"POD {sees.name}, {'by place' if sees.range is None else f'to {sees.range[-1] / NMI:.3g} nmi'}"
-    where = "on what carries it" if sensor.place is None else f"at {notation.position(*sensor.place)}"
+        kind = f"POD {sees.name}, {'by place' if sees.range is None else f'to {notation.number(sees.range[-1] / NMI)} nmi'}"
+    where = "on what carries it" if sensor.place is None else f"at {notation.stated_position(*sensor.place)}"
     return f"{kind}, {where}"
 
 
@@ -243,19 +258,21 @@ def _sensor(what: Look | Presence | Barrier | Line) -> str:
         sees = "something" if what.positive else "nothing"
         if what.field is None:
             assert what.sensor is not None
-            return f'sensor "{what.sensor.name}", {notation.group(what.time)}, sees {sees}'
-        return f"{_field(what.field)}, {notation.group(what.time)}, {what.sight.kind.replace('_', ' ')}, sees {sees}"
-    span = f"{notation.group(what.start)} to {notation.group(what.end)}, detection {what.detection:g}"
+            return f'sensor "{what.sensor.name}", {notation.stated_time(what.time)}, sees {sees}'
+        return (
+            f"{_field(what.field)}, {notation.stated_time(what.time)}, {what.sight.kind.replace('_', ' ')}, sees {sees}"
+        )
+    span = f"{notation.stated_time(what.start)} to {notation.stated_time(what.end)}, detection {notation.number(what.detection)}"
     if isinstance(what, Presence):
         return f"{_field(what.field)}, {span}, present {what.present}"
-    report = "reports nothing" if what.reported is None else f"reports {notation.group(what.reported)}"
+    report = "reports nothing" if what.reported is None else f"reports {notation.stated_time(what.reported)}"
     return f"{len(what.points)} points, {span}, {report}"
 
 
 def _field(field: Field) -> str:
     if field.radius > 0:
-        return f"{field.radius / NMI:g} nmi about {notation.position(field.lon, field.lat)}"
-    return f"{field.width / NMI:g} by {field.height / NMI:g} nmi about {notation.position(field.lon, field.lat)}"
+        return f"{notation.number(field.radius / NMI)} nmi about {notation.stated_position(field.lon, field.lat)}"
+    return f"{notation.number(field.width / NMI)} by {notation.number(field.height / NMI)} nmi about {notation.stated_position(field.lon, field.lat)}"
 
 
 def _sortie(sortie: Sortie) -> str:
@@ -267,12 +284,15 @@ def _sortie(sortie: Sortie) -> str:
         how = f'sensor "{sortie.sensor.name}"{some}'
     elif sortie.watch:
         zones = zip(sortie.watch.inner, sortie.watch.outer, sortie.watch.pod, strict=True)
-        how = "zones " + ", ".join(f"{a / NMI:g} to {b / NMI:g} nmi {pod:.0%}" for a, b, pod in zones)
+        how = "zones " + ", ".join(
+            f"{notation.number(a / NMI)} to {notation.number(b / NMI)} nmi {notation.hundredths(pod)} %"
+            for a, b, pod in zones
+        )
     elif sortie.coverage:
         how = f"{law}, coverage {_by_scenario(sortie.coverage, '')}"
     else:
         how = f"{law}, W {_widths(sortie.sweep_width)}"
-    return f"{kind}, {notation.group(sortie.start)} to {notation.group(sortie.end)}, {how}"
+    return f"{kind}, {notation.stated_time(sortie.start)} to {notation.group(sortie.end)}, {how}"
 
 
 def _legs(number: int) -> str:
@@ -281,38 +301,40 @@ def _legs(number: int) -> str:
 
 def _widths(widths: Sequence[float]) -> str:
     """Return sweep widths [m] in words; once where they are the same for all scenarios."""
-    words = [f"{width / NMI:.2f} nmi" for width in widths]
+    words = [f"{notation.number(width / NMI)} nmi" for width in widths]
     return words[0] if len(set(words)) == 1 else _by_scenario([width / NMI for width in widths], " nmi")
 
 
 def _by_scenario(values: Sequence[float], unit: str) -> str:
     """Return a number of each scenario in words; from least to most where they are many."""
-    words = [f"{value:.2f}{unit}" for value in values]
+    words = [f"{notation.number(value)}{unit}" for value in values]
     if not likeliest.of(values).rest:
         return ", ".join(words)
-    least, most = f"{min(values):.2f}", f"{max(values):.2f}{unit}"
+    least, most = notation.number(min(values)), f"{notation.number(max(values))}{unit}"
     return most if f"{least}{unit}" == most else f"{least} to {most}"
 
 
 def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
     """Return how a spill was understood."""
     low, high = spill.objects
-    rates = ", ".join(f"{kind} {86_400 * rate:g} a day" for kind, rate in spill.reporting.rate.items())
+    rates = ", ".join(f"{kind} {notation.number(86_400 * rate)} a day" for kind, rate in spill.reporting.rate.items())
     lines = {
         "spill": f"{low:,}{f' to {high:,}' if high > low else ''} objects, "
         f"{spill.worlds:,} worlds of {spill.per_world:,} particles; " + _destroyed(*spill.destroyed),
         "released": f"{notation.group(spill.prior.release_start)} to {notation.group(spill.prior.release_end)}",
-        "biases": f"windage a factor of {math.exp(spill.windage_bias):.2f}, current {spill.current_bias:g} m/s, "
-        f"reporting a factor of {math.exp(spill.reporting_bias):.2f} (one standard deviation)",
-        "reports": f"{rates}; other coast: {spill.reporting.coast}; removed {86_400 * spill.reporting.removal:g} a day",
+        "biases": f"windage a factor of {notation.number(math.exp(spill.windage_bias))}, current {notation.number(spill.current_bias)} m/s, "
+        f"reporting a factor of {notation.number(math.exp(spill.reporting_bias))} (one standard deviation)",
+        "reports": f"{rates}; other coast: {spill.reporting.coast}; removed {notation.number(86_400 * spill.reporting.removal)} a day",
         "stretches of coast": f"{len(stretches.name):,}, {stretches.length.sum() / 1000:,.0f} km",
     }
     for find in spill.finds:
-        lines[find.name] = f"{find.kind or 'class unknown'}, {notation.group(find.time)}, by {find.by or 'the public'}"
+        lines[find.name] = (
+            f"{find.kind or 'class unknown'}, {notation.stated_time(find.time)}, by {find.by or 'the public'}"
+        )
     if spill.finds or spill.patrols:
         last = max([find.time for find in spill.finds] + [patrol.time for patrol in spill.patrols])
         lines["besides, none reported"] = (
-            f"until {notation.group(spill.reporting.until)} (spill.reporting.until)"
+            f"until {notation.stated_time(spill.reporting.until)} (spill.reporting.until)"
             if spill.reporting.until is not None
             else f"until {notation.group(last)}, the last find or patrol; say otherwise by spill.reporting.until"
         )
@@ -320,7 +342,9 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
         lines[f'patrol "{patrol["name"]}"'] = f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km"
     for team in spill.teams:
         many = f"{len(team.times)} patrol{'s' * (len(team.times) > 1)} from {notation.group(team.times[0])}"
-        lines[f'patrol_unit "{team.name}"'] = f"{many}, {team.length / 1000:g} km a day, finds {team.detection:.0%}"
+        lines[f'patrol_unit "{team.name}"'] = (
+            f"{many}, {notation.number(team.length / 1000)} km a day, finds {notation.hundredths(team.detection)} %"
+        )
     return lines
 
 
@@ -328,5 +352,6 @@ def _destroyed(least: float, most: float) -> str:
     """Return in words what share of a spill's objects is lost at once."""
     if most == 0:
         return "none is lost at once"
-    share = f"{least:.0%}" if least == most else f"{least:.0%} to {most:.0%}"
+    low, high = notation.hundredths(least), notation.hundredths(most)
+    share = f"{low} %" if least == most else f"{low} to {high} %"
     return f"of which {share} are lost at once (destroyed: they neither drift nor come ashore)"

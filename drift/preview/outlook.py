@@ -56,6 +56,22 @@ def work(case: Case, step: int, nodes: int = 0) -> str:
     return f"{text}; {max(held / 2**30, 0.1):.1f} GiB of memory"
 
 
+def needs(case: Case, memory: float | None = None, shards: int | None = None) -> str | None:
+    """Return what a run of more particles than the memory holds takes; None where they are moved in one piece.
+
+    memory: [GiB] that it may take, and shards: how many, as the command line gives them.
+    """
+    many = divide.number(case, memory, shards)
+    if many == 1:
+        return None
+    kept = notation.size(shelf.need(case, case.particles))
+    lasting = _lasting(case.particles / PACE)
+    return (
+        f"{case.particles:,} particles are moved in {many:,} shards: {kept} of disk beside the results, and each step of all "
+        f"takes about {lasting} on two cores; fewer particles, fewer output times or --memory change that"
+    )
+
+
 def caution(case: Case) -> str | None:
     """Return a word of caution about the work of a case that states its step, if there is much of it."""
     if case.step is None or -(-case.period.duration // case.step) * case.particles / PACE < LONG:
@@ -80,7 +96,7 @@ def advised(case: Case, where: Environment, begin: Start) -> str:
 def holes(case: Case, source: Source) -> str:
     """Return when within the run a source has nothing between its times; "" where it has no holes."""
     first, last = case.period.span
-    gaps = [(max(a, first), min(b, last)) for a, b in stream.holes(source.times) if a < last and b > first]
+    gaps = [(max(a, first), min(b, last)) for a, b in stream.holes_of(source) if a < last and b > first]
     usual = np.median(np.diff(source.times)) if gaps else None
     return "; ".join(
         f"nothing from {notation.group(a)} to {notation.group(b)}, {_hours(b - a)}, where its times are else "
@@ -109,18 +125,14 @@ def ends(case: Case, begin: Start) -> tuple[str, str]:
         begin.scene.advance(some, low, high, part)
     weight, status = record.probability(some), some.status.to_numpy()
     share = {kind: float(weight[status == kind].sum()) for kind in Status}
-    text = ", ".join(
-        f"{f'{share[kind]:.0%}' if share[kind] >= 0.005 else 'under 1%'} {word}"
-        for kind, word in ENDS.items()
-        if share[kind] > 0
-    )
+    text = ", ".join(f"{notation.percent(share[kind], 0)} {word}" for kind, word in ENDS.items() if share[kind] > 0)
     lost = share[Status.OUTSIDE] + share[Status.LEFT]
     if lost > 0:
         gone = np.isin(status, (Status.OUTSIDE, Status.LEFT)) & (weight > 0)
         when = case.period.time(int(max(some.status_since.to_numpy()[gone].min(), 0)))
         text += f"; the first is lost about {notation.group(when)}"
     refused = (
-        f"a run would be refused at its end: about {lost:.0%} are lost, at most {case.max_lost:.0%} may be (max_lost). "
+        f"a run would be refused at its end: about {notation.percent(lost)} are lost, at most {notation.hundredths(case.max_lost)} % may be (max_lost). "
         "Shorten it, add a source, or widen [domain]"
     )
     rough = f"roughly: {chosen.size:,} particles at a step of {_hours(np.timedelta64(step, 's'))}"

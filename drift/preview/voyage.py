@@ -19,9 +19,9 @@ from drift.motion.itinerary import (
     Ways,
 )
 from geo import notation, sphere
-from geo.notation import NMI
+from geo.notation import KNOT, NMI
 
-KNOT, HOUR = NMI / 3600, 3600.0
+HOUR = 3600.0
 
 
 def words(itinerary: Itinerary, adrift: str) -> str:
@@ -33,7 +33,7 @@ def words(itinerary: Itinerary, adrift: str) -> str:
         text += f"; in distress {_distress(itinerary.distress)}, and then adrift as {adrift}"
     if itinerary.overdue is not None:
         text += (
-            f"; from {notation.group(itinerary.overdue)} on, what has arrived within {itinerary.arrival_radius / NMI:.3g} nmi of its "
+            f"; from {notation.stated_time(itinerary.overdue)} on, what has arrived within {notation.number(itinerary.arrival_radius / NMI)} nmi of its "
             "last way point is in port and not looked for"
         )
     return text
@@ -42,12 +42,12 @@ def words(itinerary: Itinerary, adrift: str) -> str:
 def _phase(phase: Phase) -> str:
     match phase:
         case Course():
-            change = f", changed every {phase.change / HOUR:g} h on average" if phase.change else ""
+            change = f", changed every {notation.number(phase.change / HOUR)} h on average" if phase.change else ""
             return f"course {_course(phase.course)} at {_knots(phase.speed)}{change}{_until(phase)}"
         case Acts():
             return f"{_acts(phase)}{_until(phase)}"
         case Loiter():
-            return f"to and fro in a polygon at {_knots(phase.speed)}, legs of {phase.leg / NMI:g} nmi{_until(phase)}"
+            return f"to and fro in a polygon at {_knots(phase.speed)}, legs of {notation.number(phase.leg / NMI)} nmi{_until(phase)}"
         case Ways():
             return _way(phase)
 
@@ -55,23 +55,23 @@ def _phase(phase: Phase) -> str:
 def _acts(phase: Acts) -> str:
     """Return what a target does at times of its own, like "course any at 2 to 12 kn; every 3 to 15 min 45 % take another"."""
     parts = {
-        f"take another at up to {phase.fastest / KNOT:.3g} kn": phase.change,
+        f"take another at up to {notation.number(phase.fastest / KNOT)} kn": phase.change,
         "seek": phase.seek,
         "flee": phase.hide,
     }
-    told = [f"{100 * share:.3g} % {what}" for what, share in parts.items() if share > 0]
-    least, longest = (f"{seconds / 60:.3g}" for seconds in phase.between)
+    told = [f"{notation.number(100 * share)} % {what}" for what, share in parts.items() if share > 0]
+    least, longest = (f"{notation.number(seconds / 60)}" for seconds in phase.between)
     often = least if least == longest else f"{least} to {longest}"
     text = (
         f"course {_course(phase.course)} at {_knots(phase.speed)}; every {often} min {', '.join(told) or 'it goes on'}"
     )
     if phase.hide > 0:
-        text += f" within {math.degrees(phase.spread):.3g} deg of the reciprocal bearing"
+        text += f" within {notation.number(math.degrees(phase.spread))} deg of the reciprocal bearing"
     if phase.leave > 0 and phase.seek + phase.hide > 0:
-        text += f"; {100 * phase.leave:.3g} % of those cease to"
+        text += f"; {notation.number(100 * phase.leave)} % of those cease to"
     if phase.tracker is not None:
         lon, lat = (math.degrees(x[0]) for x in (phase.tracker.lon, phase.tracker.lat))
-        text += f"; the tracker begins at {notation.position(lon, lat)}"
+        text += f"; the tracker begins at {notation.stated_position(lon, lat)}"
     return text
 
 
@@ -89,8 +89,8 @@ def _way(phase: Ways) -> str:
     times = [point.time for point in phase.points]
     first = times[0]
     if phase.k > 0 or phase.destinations:
-        uncertain = f", known to a factor of {math.exp(phase.k_spread):.2g}" if phase.k_spread > 0 else ""
-        k = f"K = {phase.k * math.sqrt(HOUR) / NMI:.3g} nmi/sqrt(h){uncertain}"
+        uncertain = f", known to a factor of {notation.number(math.exp(phase.k_spread))}" if phase.k_spread > 0 else ""
+        k = f"K = {notation.number(phase.k * math.sqrt(HOUR) / NMI)} nmi/sqrt(h){uncertain}"
         ends = [point for point, _ in phase.destinations] or [phase.points[-1]]
         odds = f" to one of {len(ends)} destinations" if len(ends) > 1 else ""
         last = " or ".join(_moment(phase.start, end.time) for end in ends)
@@ -99,8 +99,8 @@ def _way(phase: Ways) -> str:
 
 
 def _until(phase: Course | Acts | Loiter) -> str:
-    ends = [] if phase.until is None else [f"until {notation.group(phase.until)}"]
-    ends += [f"for {phase.lasting / HOUR:g} h"] if math.isfinite(phase.lasting) else []
+    ends = [] if phase.until is None else [f"until {notation.stated_time(phase.until)}"]
+    ends += [f"for {notation.number(phase.lasting / HOUR)} h"] if math.isfinite(phase.lasting) else []
     return f", {' or '.join(ends)}" if ends else ""
 
 
@@ -109,23 +109,25 @@ def _distress(distress: Distress) -> str:
         case Between():
             return _time(distress.earliest, distress.after)
         case Rate():
-            return f"at a rate of {distress.rate * HOUR:.3g} / h"
+            return f"at a rate of {notation.number(distress.rate * HOUR)} / h"
         case Part():
             return f"after {_span(distress.part, 100)} % of its way"
 
 
 def _time(earliest: np.datetime64, after: Spread) -> str:
     """Return an uncertain time in words."""
-    first, last = (notation.group(earliest + np.timedelta64(round(t), "s")) for t in (after.low, after.high))
+    first, last = (notation.stated_time(earliest + np.timedelta64(round(t), "s")) for t in (after.low, after.high))
     if first == last:
         return first
-    best = notation.group(earliest + np.timedelta64(round(after.mode), "s"))
-    return f"{first} to {last}" + (f" (best {best}, {after.ratio:g} times as likely)" if after.ratio != 1 else "")
+    best = notation.stated_time(earliest + np.timedelta64(round(after.mode), "s"))
+    return f"{first} to {last}" + (
+        f" (best {best}, {notation.number(after.ratio)} times as likely)" if after.ratio != 1 else ""
+    )
 
 
 def _moment(start: np.datetime64, time: Spread | Moment | None) -> str:
     if isinstance(time, Moment):
-        return f"{notation.group(start + np.timedelta64(round(time.mean), 's'))} +- {time.std / HOUR:.3g} h"
+        return f"{notation.stated_time(start + np.timedelta64(round(time.mean), 's'))} +- {notation.number(time.std / HOUR)} h"
     return _time(start, time or Spread(0.0, 0.0, 0.0))
 
 
@@ -140,15 +142,16 @@ def _knots(speed: Spread) -> str:
 def _course(course: Spread) -> str:
     low, mode, high = (float(np.degrees(sphere.wrap(x))) % 360 for x in (course.low, course.mode, course.high))
     if course.low == course.high:
-        return f"{low:03.0f}"
+        return notation.bearing(low)
     if course.high - course.low > 2 * math.pi - 1e-6 and course.ratio == 1:
         return "any"
-    return f"{low:03.0f} to {high:03.0f}" + (f" (best {mode:03.0f})" if course.ratio != 1 else "")
+    text = f"{notation.bearing(low)} to {notation.bearing(high)}"
+    return text + (f" (best {notation.bearing(mode)})" if course.ratio != 1 else "")
 
 
 def _span(spread: Spread, unit: float) -> str:
     """Return an uncertain number in words, in a unit."""
-    low, mode, high = (f"{x * unit:.3g}" for x in (spread.low, spread.mode, spread.high))
+    low, mode, high = (f"{notation.number(x * unit)}" for x in (spread.low, spread.mode, spread.high))
     if low == high:
         return low
     return f"{low} to {high}" + (f" (best {mode})" if spread.ratio != 1 else "")

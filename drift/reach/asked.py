@@ -186,10 +186,14 @@ def _level(case: Case, sensor: Sensor, scenario: str | None, speed: object, said
     fast = _speed(speed, levels, k)
     level = float(hearing.level(sensor.sees, np.array([k]), np.array([fast]))[0])
     alone = len(names) == 1
-    why = "" if scenario is not None or alone else f", the likeliest beforehand ({weights[k] / sum(weights):.0%})"
-    words = f'{level:.4g} dB, of scenario "{names[k]}"{why}'
+    why = (
+        ""
+        if scenario is not None or alone
+        else f", the likeliest beforehand ({notation.percent(weights[k] / sum(weights))})"
+    )
+    words = f'{notation.number(level)} dB, of scenario "{names[k]}"{why}'
     if np.ptp(levels.level[k]) > 0:
-        words += f", at {fast / KNOT:.3g} kn{', the slowest that is given' if speed is None else ''}"
+        words += f", at {notation.number(fast / KNOT)} kn{', the slowest that is given' if speed is None else ''}"
     said.append(("source level", words))
     return level
 

@@ -22,7 +22,7 @@ from drift.maps.sheet import Page, Row, Sheet
 from drift.reach import reach as reaching
 from drift.reach import text
 from drift.reach.records import Looked, Question, Reach
-from geo import sphere
+from geo import notation, sphere
 from geo.array import Array
 from geo.box import Box
 from geo.notation import NMI
@@ -98,11 +98,11 @@ def _terms(asked: Question) -> tuple[str, str]:
     sonar = asked.sonar
     if sonar is None:
         return f"A look by the table {getattr(asked.sensor.sees, 'name', '')}".rstrip(), told.get("POD", "")
-    unknown = f", unknown to all looks {sonar.unknown:g} dB" if sonar.unknown > 0 else ""
+    unknown = f", unknown to all looks {notation.number(sonar.unknown)} dB" if sonar.unknown > 0 else ""
     level = f"Source level {told['source level']}"
     return (
         level,
-        f"Noise {told['noise']}; threshold {sonar.threshold:g} dB; fluctuation {sonar.fluctuation:g} dB{unknown}",
+        f"Noise {told['noise']}; threshold {notation.number(sonar.threshold)} dB; fluctuation {notation.number(sonar.fluctuation)} dB{unknown}",
     )
 
 

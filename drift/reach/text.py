@@ -14,7 +14,7 @@ from geo.notation import NMI
 
 def facts(found: Reach) -> dict[str, str]:
     """Return what was found, by name."""
-    asked, pod = found.question, f"{100 * reaching.HALF:g} %"
+    asked, pod = found.question, f"{notation.hundredths(reaching.HALF)} %"
     told = {"sensor": f"{asked.sensor.name}, {described(asked)}"}
     if found.farthest.max() <= 0:
         told[f"{pod} out to"] = f"nowhere: the chance is {100 * found.around.pod.max():.2g} % at most"
@@ -38,7 +38,7 @@ def facts(found: Reach) -> dict[str, str]:
 
 def described(asked: Question) -> str:
     """Return where a sensor is, when, and how it is turned."""
-    words = [f"at {notation.position(*asked.place)}", notation.group(asked.time)]
+    words = [f"at {notation.stated_position(*asked.place)}", notation.group(asked.time)]
     if asked.has_array:
         words.append(f"array on {round(math.degrees(asked.heading)) % 360:03d}")
     return ", ".join([*words, *([listened(asked)] if listened(asked) else [])])

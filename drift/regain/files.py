@@ -67,7 +67,7 @@ def path_gpx(found: Regained, run: str) -> str:
 def table(found: Regained) -> str:
     """Return the track as CSV."""
     held = found.held
-    sized = [f"area_{notation.percent(share)}_nmi2" for share in holding.SHARES]
+    sized = [f"area_{notation.hundredths(share)}_nmi2" for share in holding.SHARES]
     header = [
         "time", "detection", "left_percent", "lat", "lon", "course_deg", "course_spread_deg", "speed_kn", "speed_std_kn",
         "particles", "within_percent", *sized,
@@ -78,7 +78,7 @@ def table(found: Regained) -> str:
         numbers = [
             lat[k], lon[k], np.degrees(held.course[k]) % 360, np.degrees(held.off[k]), held.speed[k] / KNOT, held.slower[k] / KNOT,
         ]  # fmt: skip
-        inside = "none" if np.isnan(held.within[k]) else notation.percent(held.within[k])
+        inside = "none" if np.isnan(held.within[k]) else notation.hundredths(held.within[k])
         rows.append([
             notation.iso(text.moment(found, held.time[k])), "yes" if held.detected[k] else "no",
             _percent(held.left[k] if held.detected[k] else np.nan),
@@ -120,7 +120,7 @@ def areas(found: Regained, attributes: Stamped) -> dict[str, Any]:
         when = text.moment(found, one.time)
         for share, region in found.held.areas[found.held.row(one.time)].items():
             properties = {
-                "name": f"{notation.percent(share)} % area {notation.group(when)}", "time": notation.iso(when),
+                "name": f"{notation.hundredths(share)} % area {notation.group(when)}", "time": notation.iso(when),
                 "probability": share, "area_nmi2": float(f"{region.area / NMI**2:.4g}"), "area_km2": float(f"{region.area / 1e6:.4g}"),
             }  # fmt: skip
             features.append(geojson.feature(geojson.polygons(region.outline), properties))
@@ -156,9 +156,9 @@ def _numbers(found: Regained, one: Shown) -> dict[str, Any]:
         **told, "lat": float(lat), "lon": float(lon), "within": float(held.within[k]),
         "course_deg": float(np.degrees(held.course[k]) % 360), "speed_kn": float(held.speed[k] / KNOT),
         "particles": int(held.count[k]), "course_spread_deg": float(np.degrees(held.off[k])), "speed_std_kn": float(held.slower[k] / KNOT),
-        "area_nmi2": {notation.percent(share): region.area / NMI**2 for share, region in held.areas[k].items()},
-        "other_clouds_within": {notation.percent(share): value for share, value in one.within.items()},
-        "areas_of_clouds_nmi2": {notation.percent(share): [v / NMI**2 for v in size] for share, size in one.sizes.items()},
+        "area_nmi2": {notation.hundredths(share): region.area / NMI**2 for share, region in held.areas[k].items()},
+        "other_clouds_within": {notation.hundredths(share): value for share, value in one.within.items()},
+        "areas_of_clouds_nmi2": {notation.hundredths(share): [v / NMI**2 for v in size] for share, size in one.sizes.items()},
     }  # fmt: skip
 
 

@@ -181,7 +181,9 @@ def _clouds(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
         symbols.append((sign, f"{when}: area of\n{text.sizes(regions)}"))
     if any(one.cloud is not None for one in held.shown):
         for share, width in LINES.items():
-            symbols.append((axes.plot([], [], color=GREY, linewidth=width)[0], f"area of {notation.percent(share)} %"))
+            symbols.append(
+                (axes.plot([], [], color=GREY, linewidth=width)[0], f"area of {notation.hundredths(share)} %")
+            )
     return symbols
 
 
@@ -255,7 +257,7 @@ def _chase(axes: Axes, frame: Frame, found: Regained, chased: Chased) -> list[tu
     (spots,) = axes.plot(x[:looks], y[:looks], "o", color=PATH, markerfacecolor="white", markersize=5, zorder=11)
     anew = list(chased.found.plans)
     (plans,) = axes.plot(x[anew], y[anew], "o", color=PATH, markersize=5.5, zorder=12)
-    about = f"path to {chase.aim} it, looks every {chase.interval / 60:g} min\nto {chase.reach / NMI:.4g} nmi"
+    about = f"path to {chase.aim} it, looks every {notation.number(chase.interval / 60)} min\nto {notation.number(chase.reach / NMI)} nmi"
     symbols: list[tuple[Any, str]] = [((line, spots), about), (plans, "planned, or planned anew")]
     if chase.to is not None:
         (goal,) = axes.plot(

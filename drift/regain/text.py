@@ -46,11 +46,11 @@ def facts(found: Regained) -> dict[str, str]:
 def _lost(found: Regained, losses: Sequence[Loss]) -> str:
     """Return whose silence lost the track, when, and what may be done about it."""
     bulk = found.held.study.methods[0].filling.bulk
-    left = f"fewer than {100 * bulk:g} % of the particles were" if bulk > 0 else "no particle was"
+    left = f"fewer than {notation.hundredths(bulk)} % of the particles were" if bulk > 0 else "no particle was"
     each: dict[str, list[str]] = {}
     for loss in losses:
         who = " and ".join(
-            f"{sensor.name} (within {sensor.reach / NMI:.4g} nmi, grace {notation.lasting(sensor.grace)})"
+            f"{sensor.name} (within {notation.number(sensor.reach / NMI)} nmi, grace {notation.lasting(sensor.grace)})"
             for sensor in loss.sensors
         )
         each.setdefault(who, []).append(notation.group(moment(found, loss.time)))
@@ -71,11 +71,11 @@ def _anew(found: Regained) -> str:
     held = found.held
     filling = held.study.methods[0].filling
     each = ", ".join(
-        f"{notation.group(moment(found, float(time)))} ({_share(left)})"
+        f"{notation.group(moment(found, float(time)))} ({notation.percent(left)})"
         for time, left in zip(held.time[held.anew], held.left[held.anew], strict=True)
     )
     return (
-        f"from the box of what was detected at {each}, as fewer than bulk, {_share(filling.bulk)} of the particles, were in it: {'all' if filling.method == 'position' else 'half'} "
+        f"from the box of what was detected at {each}, as fewer than bulk, {notation.percent(filling.bulk)} of the particles, were in it: {'all' if filling.method == 'position' else 'half'} "
         "of what is drawn takes any course, whatever was told before; a lower bulk and more particles keep what was in the box"
     )
 
@@ -119,9 +119,9 @@ def _rough(found: Regained, one: Shown) -> list[str]:
     """Return which areas at a time are another by other random numbers."""
     when, told = notation.group(moment(found, one.time)), []
     for share, (low, high) in one.sizes.items():
-        which = f"that of {notation.percent(share)} % at {when}"
+        which = f"that of {notation.hundredths(share)} % at {when}"
         if one.within.get(share, share) < share - ASTRAY:
-            told.append(f"{which} holds {_share(one.within[share])} of {one.holding} other clouds")
+            told.append(f"{which} holds {notation.percent(one.within[share])} of {one.holding} other clouds")
         elif high > WILD * low:
             told.append(
                 f"{which} is {_rounded(low / NMI**2)} to {_rounded(high / NMI**2)} nmi2 by {one.holding + 1} clouds"
@@ -139,7 +139,7 @@ def _state(found: Regained, one: Shown) -> str:
     if np.isnan(held.within[k]):
         place = f"no one place (the mean, {place}, lies outside the areas)"
     elif held.within[k] > min(held.areas[k]):
-        place = f"{place} (a mean, outside the area of {notation.percent(min(held.areas[k]))} %)"
+        place = f"{place} (a mean, outside the area of {notation.hundredths(min(held.areas[k]))} %)"
     course = round(float(np.degrees(held.course[k]))) % 360
     told = f"course {course:03d} +- {np.degrees(held.off[k]):.0f}" if held.off[k] < VAGUE else "any course"
     return f"{place}, {told}, {held.speed[k] / KNOT:.0f} +- {held.slower[k] / KNOT:.0f} kn; {sizes(held.areas[k], one.sizes)}"
@@ -151,26 +151,18 @@ def _path(found: Regained, chased: Chased) -> str:
     assert chase is not None
     until = notation.group(moment(found, chased.found.path.time[-1]))
     own, other = chased.found.met[-1], chased.judged[-1]
-    near = f"within {chase.reach / NMI:.4g} nmi"
+    near = f"within {notation.number(chase.reach / NMI)} nmi"
     if chase.to is None:
-        words = (
-            f"by {until} {_share(own)} of the cloud {near} (of {_share(chased.found.near)} that come where it could be)"
-        )
+        words = f"by {until} {notation.percent(own)} of the cloud {near} (of {notation.percent(chased.found.near)} that come where it could be)"
     else:
-        words = (
-            f"at {notation.position(*np.degrees(chase.to))} at {until}, {_share(own)} of the cloud {near} on the way"
-        )
+        words = f"at {notation.position(*np.degrees(chase.to))} at {until}, {notation.percent(own)} of the cloud {near} on the way"
     words += (
         ", another cloud has lost the track"
         if np.isnan(other)
-        else f", of another, on which it was not planned, {_share(other)}"
+        else f", of another, on which it was not planned, {notation.percent(other)}"
     )
     anew = [notation.group(moment(found, chase.times[step])) for step in chased.found.plans[1:]]
     return words + (f"; planned anew at {', '.join(anew)}" if anew else "")
-
-
-def _share(share: float) -> str:
-    return f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.0f} %"
 
 
 def sizes(regions: Mapping[float, Region], spread: Mapping[float, tuple[float, float]] | None = None) -> str:
@@ -178,7 +170,7 @@ def sizes(regions: Mapping[float, Region], spread: Mapping[float, tuple[float, f
     each = []
     for share, region in regions.items():
         among = "" if spread is None else " ({} to {})".format(*(_rounded(size / NMI**2) for size in spread[share]))
-        each.append(f"{notation.percent(share)} % {_rounded(region.area / NMI**2)}{among} nmi2")
+        each.append(f"{notation.hundredths(share)} % {_rounded(region.area / NMI**2)}{among} nmi2")
     return ", ".join(each)
 
 

@@ -88,7 +88,7 @@ def _panel(ax: Axes, crossings: Crossings, crossing: Crossing, stories: list[int
     """Draw one line's curves."""
     x = notation.epochs(crossings.edges).astype(float)
     name = page.fit(crossing.line.name, 30)
-    share, error = (labels.percent(float(values[-1])) for values in (crossing.probability, crossing.error))
+    share, error = (notation.percent(float(values[-1])) for values in (crossing.probability, crossing.error))
     words = f"{name}: {share} (± {error})" if crossing.probability[-1] > 0 else f"{name}: not crossed"
     ax.set_title(words, fontsize=10, color=INK, loc="left", weight="bold")
     top = 0.0

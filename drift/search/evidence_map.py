@@ -153,10 +153,10 @@ def _account(updates: Updates, hidden: int) -> str:
         parts.append(f"{overdue} arrival{'s' * (overdue != 1)} that did not come")
     done = [u.cumulative[-1] for u in sorties if u.cumulative is not None]
     if done:
-        parts.append(f"cumulative POS {labels.percent(done[-1])}")
+        parts.append(f"cumulative POS {notation.percent(done[-1])}")
     if len(updates.scenarios) > 1 and updates.all:
         best = int(np.argmax(updates.all[-1].posterior))
-        share = labels.percent(float(updates.all[-1].posterior[best]))
+        share = notation.percent(float(updates.all[-1].posterior[best]))
         parts.append(f'most likely now "{page.fit(updates.scenarios[best], 40)}", {share}')
     if hidden:
         parts.append(f"the first {hidden} updates are in sorties.csv")
@@ -224,7 +224,7 @@ def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float
         edges = np.where(share >= THIN, 0.6, 0.0)  # bars of many that are unlikely would be nothing but edges
         ax.barh(y, share, 0.62, left, edgecolor=INK, linewidth=edges.tolist(), zorder=3, **fill)
         for k in y[share >= 0.09]:
-            _figure(ax, left[k] + share[k] / 2, int(k), f"{100 * share[k]:.0f}", fill)
+            _figure(ax, left[k] + share[k] / 2, int(k), notation.percent(float(share[k]), 0, ""), fill)
         left += share
 
 
@@ -234,7 +234,7 @@ def _worth(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, fl
     for _, (update, _) in shown:
         pod, figures = update.pod, ""
         if pod is not None and update.poc is not None and update.poc[-1] > 0:
-            figures = f"POC {labels.percent(float(update.poc[-1]))} × POD {labels.percent(float(pod[-1]))}"
+            figures = f"POC {notation.percent(float(update.poc[-1]))} × POD {notation.percent(float(pod[-1]))}"
         said.append((figures, f"effective particles {update.ess_after:,.0f}"))
     if flown := _flown(updates):
         heads = ("POC (light), POS (dark) [%]", "What each was worth")
@@ -274,7 +274,7 @@ def _rows(
     for k, (number, (update, _)) in enumerate(shown, 1):
         what = update.name if update.kind in ("sortie", "overdue") else f"{page.fit(update.name, 18)} ({update.kind})"
         write(beside, k - 0.15, f"{number}  {page.fit(what, 28)}", 9, weight="bold", ha="right")
-        pos = "" if update.pos is None else f", POS {labels.percent(float(update.pos[-1]))}"
+        pos = "" if update.pos is None else f", POS {notation.percent(float(update.pos[-1]))}"
         left = effective.Count(update.left)
         if left.few:
             write(beside, k + 0.21, f"{notation.group(update.time)}, {left.words}", 7.5, layers.LAST_KNOWN, ha="right")
@@ -384,4 +384,4 @@ def _ends(ax: Axes, texts: list[tuple[float, str, str, bool]]) -> None:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.0f}" if 0.005 <= share < 0.995 or share <= 0 else f"{100 * share:.1f}"
+    return notation.percent(share, 0 if 0.005 <= share < 0.995 else 1, "")

@@ -18,7 +18,7 @@ from matplotlib.path import Path as Outline
 
 from drift.forecast import beyond, effective, layers, mapped
 from drift.forecast.build import Forecast
-from drift.maps import chart, labels, sheet
+from drift.maps import chart, sheet
 from drift.maps import page as paper  # `page` is the number of one
 from drift.maps.chart import INK, Frame
 from drift.maps.imprint import Setting
@@ -206,7 +206,7 @@ def _heading(
     if sortie.frame == "datum" and sortie.marker is None:
         parts.append("drawn at its datum")
     if sortie.completed < 1:
-        parts.append(f"{100 * sortie.completed:.0f} % completed")
+        parts.append(f"{notation.hundredths(sortie.completed)} % completed")
     if update is not None and update.pos is not None:
         parts.append(_worth(update))
     words = "   ·   ".join(parts)
@@ -220,12 +220,12 @@ def _heading(
 def _worth(update: Update) -> str:
     """Return POC x POD = POS in percent; a watch has no area, and a POS alone."""
     assert update.pos is not None
-    pos = f"POS {_percent(update.pos[-1])}"
+    pos = f"POS {notation.short_percent(update.pos[-1])}"
     if update.poc is None or update.pod is None or not np.isfinite(update.poc[-1]):
         return pos
     if update.poc[-1] <= 0:
         return f"POC 0 %: none of it was there; {pos}"
-    return f"POC {_percent(update.poc[-1])} × POD {_percent(update.pod[-1])} = {pos}"
+    return f"POC {notation.short_percent(update.poc[-1])} × POD {notation.short_percent(update.pod[-1])} = {pos}"
 
 
 def _titles(ax: Axes, column: int, time: Any, wanted: Any, update: Update | None) -> None:
@@ -241,18 +241,14 @@ def _titles(ax: Axes, column: int, time: Any, wanted: Any, update: Update | None
         return
     words = ""
     if column == 0 and update.poc is not None:
-        words = f"POC {_percent(update.poc[-1])}"
+        words = f"POC {notation.short_percent(update.poc[-1])}"
     elif column == 1 and update.pod is not None and update.poc is not None and update.poc[-1] > 0:
-        words = f"POD {_percent(update.pod[-1])}"
+        words = f"POD {notation.short_percent(update.pod[-1])}"
     elif column == 2:
-        words = f"POS {_percent(update.pos[-1])}"
+        words = f"POS {notation.short_percent(update.pos[-1])}"
         if update.cumulative is not None:
-            words += f", cumulative {_percent(update.cumulative[-1])}"
+            words += f", cumulative {notation.short_percent(update.cumulative[-1])}"
     ax.set_title(words, fontsize=8.5, loc="right", pad=3, color=INK)
-
-
-def _percent(share: float) -> str:
-    return labels.percent(float(share)) if share < 0.0995 or share > 0.995 else f"{100 * share:.0f} %"
 
 
 def _key(
@@ -262,7 +258,7 @@ def _key(
     for share in forecast.ends:
         style = layers.line(share, forecast)
         symbol = Line2D([], [], **{**style, "linewidth": 0.6 * style["linewidth"]})
-        rows.append((symbol, f"{notation.percent(share)} % area"))
+        rows.append((symbol, f"{notation.hundredths(share)} % area"))
     if marked:
         rows.append((layers.mark_symbol(6, 10, 1.4), "Position known or reported"))
     sheet.legend(

@@ -14,9 +14,12 @@ returned is SI. Rules where the tables leave them open:
 - weather: the worse of what wind and seas say; fatigue multiplies by 0.9.
 """
 
+import bisect
 import csv
 import difflib
+import re
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
@@ -24,6 +27,7 @@ from typing import Literal
 
 import numpy as np
 
+from drift.motion import everyday, leeway
 from geo.errors import UserError
 from geo.notation import KNOT, NMI
 
@@ -32,6 +36,11 @@ SOURCE = (
     "canterbury-air-patrol/marine-sweep-width-data"
 )
 FOOT = 0.3048  # [m]
+METRES = ("m", "metre", "metres", "meter", "meters")
+MEANT = {  # what people write in place of a kind
+    "boat": "Power Boat", "motorboat": "Power Boat", "motoryacht": "Power Boat", "yacht": "Sail Boat", "liferaft": "Raft",
+    "vessel": "Ship", "freighter": "Ship", "piw": "Person in Water",
+}  # fmt: skip
 KINDS = ("Aircraft", "Helicopter", "Boat")
 FATIGUE = 0.9
 WIND, SEAS = (15 * KNOT, 25 * KNOT), (2 * FOOT, 4 * FOOT)  # weather is moderate from the first on, bad above the second
@@ -109,13 +118,71 @@ def find(name: str) -> str:
     names = {_plain(key): key for key in objects()}
     if _plain(name) in names:
         return names[_plain(name)]
-    near = difflib.get_close_matches(_plain(name), names, n=1, cutoff=0.5)
-    if near:
-        raise UserError(f'no search object "{name}" in the sweep width tables; nearest is "{names[near[0]]}"')
-    raise UserError(
-        f'no search object "{name}" in the sweep width tables; they have Person in Water, and by size Raft (like '
-        '"Raft 4 person"), Power Boat ("Power Boat 20ft"), Sail Boat ("Sail Boat 40ft"), Ship ("Ship 120ft")'
-    )
+    raise UserError(f'no search object "{name}" in the sweep width tables; {_advice(name)}')
+
+
+def _advice(name: str) -> str:
+    """Return what to write in place of a name that the tables do not have: what is nearest in size, or in meaning."""
+    text = unicodedata.normalize("NFKC", name).lower()
+    size = re.search(r"(\d+(?:[.,]\d+)?(?:e\d+)?)\s*-?\s*([^\W\d_]*)", text)
+    letters = _letters(text.replace(size[0], "") if size else text)
+    kinds: dict[str, list[str]] = {}
+    for one in objects():
+        kinds.setdefault(_kind(one), []).append(one)
+    spelled = {_letters(kind.lower()): kind for kind in kinds} | MEANT
+    everyday_names = everyday.search_objects_of(name, tuple(leeway.classes()))
+    if everyday_names == ():
+        return f'none of them fits "{name}": give sweep_width itself'
+    if everyday_names and letters not in spelled:
+        ordered = [one for one in objects() if one in everyday_names]
+        return f'for "{name}" choose {_quoted(ordered)}; see: drift objects {name}'
+    near = difflib.get_close_matches(letters, spelled, n=1, cutoff=0.6)
+    if not near:
+        return (
+            'they have Person in Water, and by size Raft (like "Raft 4 person"), Power Boat ("Power Boat 20ft"), '
+            'Sail Boat ("Sail Boat 40ft"), Ship ("Ship 120ft")'
+        )
+    kind = spelled[near[0]]
+    own = kinds[kind]
+    if len(own) == 1:
+        return f"nearest is {_quoted(own)}"
+    if size is None:
+        return f"give its size: {_quoted(own)}"
+    in_metres = size[2] in METRES and kind != "Raft"
+    chosen = _nearest(own, float(size[1].replace(",", ".")) / (FOOT if in_metres else 1))
+    return f"nearest {'is' if len(chosen) == 1 else 'by size are'} {_quoted(chosen)}"
+
+
+def _letters(text: str) -> str:
+    return "".join(letter for letter in text if letter.isalpha())
+
+
+def _nearest(names: Sequence[str], size: float) -> list[str]:
+    """Return which of a kind's objects, ascending, a size is, or which two it lies between; beyond them the last."""
+    sizes = [_size(name) for name in names]
+    above = bisect.bisect_left(sizes, size)
+    if above == len(names):
+        return [names[-1]]
+    if above == 0 or sizes[above] == size:
+        return [names[above]]
+    return [names[above - 1], names[above]]
+
+
+def _kind(name: str) -> str:
+    """Return an object without its size: Power Boat."""
+    return re.split(r"\s*[≤≥]?\s*\d", name)[0]
+
+
+def _size(name: str) -> float:
+    """Return the size in an object's name: feet, or persons."""
+    found = re.search(r"\d+", name)
+    return float(found[0]) if found else 0.0
+
+
+def _quoted(names: Sequence[str]) -> str:
+    """Return names in quotes: "A", "B" or "C"."""
+    *others, last = (f'"{name}"' for name in names)
+    return f"{', '.join(others)} or {last}" if others else last
 
 
 def find_kind(kind: str) -> str:

@@ -17,6 +17,7 @@ MEANT = re.compile(r"noise|ambient|^(nl|level)$", re.I)
 LEAST, MOST = 0.0, 200.0  # [dB re 1 uPa^2/Hz, or in a band]
 AGREE = 0.1  # [dB] between the bearings 0 and 360, which both may stand in a table
 NONE = np.empty(0, "datetime64[s]")
+QUARTER = 90.0  # [deg] widest gap between bearings: noise is often known by quarters of the horizon
 REMEDY = "mend its attribute units, or set variable to that of the noise"
 
 
@@ -36,7 +37,7 @@ def of_table(rows: Sequence[Sequence[float]], *, name: str = "noise") -> Noise:
         )
     bearing, level = pairs.T
     _check_levels(level, (("bearing", bearing, " deg"),), name)
-    radians, table = circle.around(bearing, level[None], 1, name, AGREE, "dB")
+    radians, table = circle.around(bearing, level[None], 1, name, AGREE, "dB", QUARTER)
     return Noise(radians, table.astype(np.float32), NONE)
 
 
@@ -61,7 +62,7 @@ def read(
     table_values.check_whole(table, labels, asked.name)
     table_values.check_decibels(table, unit, MOST, LEAST, "noise level", asked.name, REMEDY)
     _check_levels(table, labels, asked.name)
-    radians, table = circle.around(bearing, table, 1, asked.name, AGREE, "dB")
+    radians, table = circle.around(bearing, table, 1, asked.name, AGREE, "dB", QUARTER)
     return Noise(radians, np.ascontiguousarray(table, np.float32), when)
 
 

@@ -83,6 +83,12 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
                 f'[resampling] method = "{case.resampling.method}" goes by an estimate of all particles: run it in one piece, without '
                 "--shards, --workers or --cluster"
             )
+        whole = (BASE + case.particles * held(case)) / GIB
+        if whole > machine_memory.free() / GIB:
+            raise UserError(
+                f'particles: {case.particles:,} in one piece, as [resampling] method = "{case.resampling.method}" asks for, take '
+                f"{_up(whole)} GiB of memory, and {machine_memory.free() / GIB:.1f} GiB are free; give fewer"
+            )
         return 1
     spill = case.spill
     weighed = (BASE + (WEIGHED + TOLD * case.outputs.size) * spill.worlds) / GIB if spill else 0.0

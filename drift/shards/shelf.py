@@ -60,13 +60,29 @@ def opened(out: Path | None, fingerprint: Mapping[str, str], need: int, slices: 
                 raise UserError(f"{folder}: {error.strerror or error}; name another folder with --out") from error
         have = sum(path.stat().st_size for path in folder.glob("*-*.bin"))
         room = shutil.disk_usage(folder).free
-        if need - have > room:
-            raise UserError(
-                f"{folder}: the particles at all output times need {notation.size(need)}, and it has room for "
-                f"{notation.size(room + have)}; make room, name another folder with --out, or ask for fewer particles or outputs"
-            )
+        _refuse_without(folder, need, have, room)
         _make_room(folder / FORCING, slices, room + have - need)
         yield work
+
+
+def check_room(out: Path | None, need: int) -> None:
+    """Refuse a run whose shards [bytes] the disk has no room for, before anything of it is drawn.
+
+    out: folder of its results; None: they are not kept, and the shards lie in the temporary folder.
+    """
+    folder = Path(tempfile.gettempdir()) if out is None else of(out).absolute()
+    there = next(place for place in (folder, *folder.parents) if place.is_dir())
+    have = sum(path.stat().st_size for path in folder.glob("*-*.bin")) if out is not None else 0
+    _refuse_without(folder, need, have, shutil.disk_usage(there).free)
+
+
+def _refuse_without(folder: Path, need: int, have: int, room: int) -> None:
+    """Raise UserError where a folder has no room [bytes] for what is needed and not there yet."""
+    if need - have > room:
+        raise UserError(
+            f"{folder}: the particles at all output times need {notation.size(need)}, and it has room for "
+            f"{notation.size(room + have)}; make room, name another folder with --out, or ask for fewer particles or outputs"
+        )
 
 
 def _make_room(folder: Path, need: int, room: int) -> None:

@@ -126,21 +126,21 @@ def place(find: Find, segments: Segments, coast: Coast) -> int:
     if find.at_sea:
         if land:
             raise UserError(
-                f"{find.name}: {notation.position(find.lon, find.lat)} is not at sea but on land; "
+                f"{find.name}: {notation.stated_position(find.lon, find.lat)} is not at sea but on land; "
                 "leave out at_sea, or move it"
             )
         return -1
     near = shoreline.nearest_coast(coast, find.lon, find.lat)
     if near is None:
         raise UserError(
-            f"{find.name}: {notation.position(find.lon, find.lat)} lies far from any coast of the domain; move it, or "
+            f"{find.name}: {notation.stated_position(find.lon, find.lat)} lies far from any coast of the domain; move it, or "
             "widen [domain]"
         )
     if near[2] > FARTHEST:
         where = "inland" if land else "off the coast"
         cure = "move it" if land else "move it, or say at_sea = true"
         raise UserError(
-            f"{find.name}: {notation.position(find.lon, find.lat)} lies {near[2] / 1000:.1f} km {where}; the nearest "
+            f"{find.name}: {notation.stated_position(find.lon, find.lat)} lies {near[2] / 1000:.1f} km {where}; the nearest "
             f"coast is at {notation.position(near[0], near[1])}, and a find ashore lies within "
             f"{FARTHEST / 1000:.0f} km of it; {cure}"
         )

@@ -307,7 +307,7 @@ def _beside(frame: Frame, patrols: Sequence[Patrolled], walked: Sequence[list[Ar
     for k in sorted(range(len(patrols)), key=lambda k: patrols[k].time)[-NOTED:]:
         longest = max(walked[k], key=lambda part: float(shapely.LineString(part).length))
         x, y = frame.project(*longest[len(longest) // 2])
-        when = f"{notation.day_time(patrols[k].time)} {100 * patrols[k].detection:.0f} %"
+        when = f"{notation.day_time(patrols[k].time)} {notation.hundredths(patrols[k].detection)} %"
         words = f"{page.fit(patrols[k].name, 22)}\n{when}"
         points.append((float(x), float(y), words, {"fontsize": 8, "color": PATROL_INK, "weight": "bold"}))
     return points
@@ -388,7 +388,7 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
             "± MC error",
             [f"{v:.2g}" if np.isfinite(v) else "" for v in at["expected_se"].values[-1]],
         ),
-        (1.54, "right", "At least one", [labels.percent(v) for v in at["probability"].values[-1]]),
+        (1.54, "right", "At least one", [notation.percent(v) for v in at["probability"].values[-1]]),
         (
             1.735,
             "right",

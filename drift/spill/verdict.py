@@ -44,7 +44,7 @@ def _row(number: int, spill: Spill, segments: Segments, surprise: Surprise, alie
         "not_later_than": find.latest,
         "lon_deg": float(sphere.wrap_degrees(lon)),
         "lat_deg": lat,
-        "position": notation.position(lon, lat),
+        "position": notation.position(lon, lat) if spill.finds[number].stretch else notation.stated_position(lon, lat),
         "stretch": "at sea" if segment is None else washup_tables.stretch(segments, segment),
         "segment": segment,
         "class": given.kind,
@@ -88,15 +88,15 @@ def ours(row: Row) -> str:
     """Return whether a find is one of ours, in words."""
     if row["false"] == 0:
         return "taken for ours (no false = a probability that it is none)"
-    return f"none of ours with {percent(row['none_of_ours'])}"
+    return f"none of ours with {notation.percent(row['none_of_ours'])}"
 
 
 def odd(told: Sequence[Row]) -> list[str]:
     """Return a warning of each find that was hardly to be expected where it was found."""
     return [
         f'find {row["number"]} "{row["name"]}" ({notation.group(row["time"])}, {row["position"]}, {row["stretch"]}) is odd: '
-        f"what was known before put the next find there with {percent(row['probability_beforehand'])}, and anywhere at "
-        f"most as likely with {percent(row['tail'])}; {ours(row)}: check it"
+        f"what was known before put the next find there with {notation.percent(row['probability_beforehand'])}, and anywhere at "
+        f"most as likely with {notation.percent(row['tail'])}; {ours(row)}: check it"
         for row in told
         if row["odd"]
     ]
@@ -113,10 +113,3 @@ def silence(period: Period, spill: Spill, until: float) -> str | None:
     which = "spill.reporting.until" if spill.reporting.until is not None else "the last find or patrol"
     what = "nothing besides these finds was reported" if spill.finds else "nothing was found or reported"
     return f"{what} up to {notation.group(time)} ({which}): that silence is evidence too"
-
-
-def percent(share: float) -> str:
-    """Return a share in words, also of what is next to nothing and next to sure."""
-    if share < 0.0005:
-        return "under 0.1 %"
-    return "over 99.9 %" if share > 0.9995 else f"{100 * share:.1f} %"

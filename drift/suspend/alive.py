@@ -9,6 +9,7 @@ import numpy as np
 
 from drift.motion.scenario import Scenario
 from drift.search.standing import Standing
+from geo import notation
 from geo.array import Array
 
 HOUR = 3600.0  # [s]
@@ -41,8 +42,8 @@ def basis(scenario: Scenario) -> str | None:
     survival = scenario.survival
     if survival is None:
         return None
-    median = f"median {survival.median / HOUR:.3g} h"
-    return f"{median}, factor {survival.spread:.3g} of a standard deviation ({survival.basis})"
+    median = f"median {notation.number(survival.median / HOUR, 3)} h"
+    return f"{median}, factor {notation.number(survival.spread, 3)} of a standard deviation ({survival.basis})"
 
 
 def seconds(time: np.datetime64, start: np.datetime64) -> float:

@@ -15,7 +15,7 @@ from drift.maps.imprint import Imprint
 from drift.maps.sheet import Badge, Row, Sheet
 from drift.search.evidence_map import STROKES
 from drift.suspend.decision import Suspension
-from drift.suspend.text import immortal, reached, share
+from drift.suspend.text import immortal, reached
 from geo import notation
 
 SHEET = Sheet(
@@ -95,7 +95,7 @@ def _alive(ax: Axes, suspension: Suspension) -> None:
     ax.plot([now], [at], "o", markersize=6, markerfacecolor="white", markeredgecolor=NOW, zorder=6)
     right = now < (x[0] + x[-1]) / 2
     ax.annotate(
-        f"now {share(at)}", (now, at), (8 if right else -8, 8), textcoords="offset points", fontsize=9, weight="bold",
+        f"now {notation.percent(at)}", (now, at), (8 if right else -8, 8), textcoords="offset points", fontsize=9, weight="bold",
         color=NOW, ha="left" if right else "right", zorder=7, bbox=BOX,
     )  # fmt: skip
     lines = [f"{100 * level:.0f} % at {notation.group(time)[:6]}Z" for level, time in reached(suspension)]
@@ -127,7 +127,7 @@ def _left(ax: Axes, suspension: Suspension) -> None:
         ax.barh(y, width, 0.5, left, facecolor=colour, hatch=hatch, edgecolor=INK, linewidth=0.8, label=word, zorder=3)
         left = left + width
     for k, name in enumerate(page.names(rows, 32)):
-        words = f"{name}: POS {share(float(pos[k]))}; of the rest {share(float(never[k]))} never searched"
+        words = f"{name}: POS {notation.percent(float(pos[k]))}; of the rest {notation.percent(float(never[k]))} never searched"
         ax.text(0.01, y[k] - 0.33, words, fontsize=7, color=INK, va="bottom")
     ax.set_ylim(len(rows) - 0.5, -0.75)
     ax.set_xlim(0, 1)
@@ -172,7 +172,15 @@ def _further(ax: Axes, suspension: Suspension) -> None:
             ax.errorbar(at, value, above, fmt="none", ecolor=INK, elinewidth=0.9, capsize=2, zorder=4)
         if len(x) <= 4:
             for i, v in enumerate(value):
-                ax.text(at[i], v + above[i] + 0.015, share(float(v)), fontsize=7.5, color=INK, ha="center", va="bottom")
+                ax.text(
+                    at[i],
+                    v + above[i] + 0.015,
+                    notation.percent(float(v)),
+                    fontsize=7.5,
+                    color=INK,
+                    ha="center",
+                    va="bottom",
+                )
     middle, half = (len(x) - 1) / 2, max(len(x), 3) / 2
     ax.set_xlim(middle - half - 0.1, middle + half + 0.1)
     ax.set_xticks(

@@ -57,18 +57,9 @@ def immortal(suspension: Suspension) -> list[str]:
     return [f"no survival times are told for {names}: whoever is adrift there counts as alive for ever."]
 
 
-def share(value: float) -> str:
-    """Return a probability in percent, with the digits that tell it from 0 and from 1."""
-    if value <= 0:
-        return "0 %"
-    if value < 5e-4:
-        return "< 0.1 %"
-    return "> 99.9 %" if 1 - 5e-4 < value < 1 - 1e-9 else f"{100 * value:.1f} %"
-
-
 def give_or_take(value: float, error: float) -> str:
     """Return a probability with its standard error, in percent."""
-    return f"{share(value)} +- {100 * error:.{1 if error >= 9.5e-4 else 2}f}"
+    return f"{notation.percent(value)} +- {100 * error:.{1 if error >= 9.5e-4 else 2}f}"
 
 
 def reached(suspension: Suspension) -> list[tuple[float, np.datetime64]]:
@@ -98,7 +89,7 @@ def _alive(suspension: Suspension) -> list[str]:
         lines.append(f"   It {tense} {100 * level:.0f} % at {notation.group(time)}.")
     lines += ["   By scenario, now:"] if several else []
     for s, basis in enumerate(suspension.bases):
-        now = f"{share(float(suspension.ahead[0][1][s]))} alive; " if several else "Survival times: "
+        now = f"{notation.percent(float(suspension.ahead[0][1][s]))} alive; " if several else "Survival times: "
         name = f'"{suspension.scenarios[s]}": ' if several else ""
         lines += _fill(f"{name}{now}{basis or 'no survival times'}", 3, 6)
     caveat = (
@@ -126,7 +117,7 @@ def _searched(suspension: Suspension) -> list[str]:
     if len(suspension.scenarios) > 1:
         for s, name in enumerate(suspension.scenarios):
             by_now, prior, posterior = (
-                share(float(v[s])) for v in (suspension.cumulative, suspension.prior, suspension.share)
+                notation.percent(float(v[s])) for v in (suspension.cumulative, suspension.prior, suspension.share)
             )
             words = f'{by_now} had it been "{name}": {prior} probable at first, {posterior} now'
             lines += _fill(words, 3, 6)
@@ -139,20 +130,22 @@ def _left(suspension: Suspension, lost: float) -> list[str]:
         never = float(suspension.never[-1])
         lines += _fill(
             f"{give_or_take(never, float(suspension.error(never)))} of what is still probable was never where a sortie "
-            f"searched; the other {share(1 - never)} was searched and missed.",
+            f"searched; the other {notation.percent(1 - never)} was searched and missed.",
             3,
         )
         for s, name in enumerate(suspension.scenarios if len(suspension.scenarios) > 1 else ()):
-            lines += _fill(f'"{name}": {share(float(suspension.never[s]))} of it never searched', 3, 6)
+            lines += _fill(f'"{name}": {notation.percent(float(suspension.never[s]))} of it never searched', 3, 6)
         lines += _fill("Right after each sortie, the probability that was left where it had searched:", 3)
         for update, _ in suspension.sorties:
             if update.poc is not None and update.pos is not None:
                 poc, pos = float(update.poc[-1]), float(update.pos[-1])
-                lines += _fill(f"{share((poc - pos) / max(1 - pos, 1e-12))}  {update.name}", 3, 6)
+                lines += _fill(f"{notation.percent((poc - pos) / max(1 - pos, 1e-12))}  {update.name}", 3, 6)
     else:
         lines += _fill("Nothing has been searched: all of it is left.", 3)
     if lost > 0:
-        lines += _fill(f"At the end of the run {share(lost)} is on no map: see the account in summary.json.", 3)
+        lines += _fill(
+            f"At the end of the run {notation.percent(lost)} is on no map: see the account in summary.json.", 3
+        )
     return lines
 
 
@@ -162,7 +155,7 @@ def _further(suspension: Suspension) -> list[str]:
         return lines
 
     def figure(value: float, error: float) -> str:
-        return give_or_take(value, error) if suspension.planned else share(value)
+        return give_or_take(value, error) if suspension.planned else notation.percent(value)
 
     head = f"   {'Until':16}{'Found':>18}"
     if suspension.mortal:
@@ -171,7 +164,7 @@ def _further(suspension: Suspension) -> list[str]:
     for end in suspension.further:
         row = f"   {notation.group(end.until):16}{figure(end.pos, end.pos_error):>18}"
         if suspension.mortal:
-            row += f"{figure(end.alive, end.alive_error):>18}{share(end.waiting):>19}"
+            row += f"{figure(end.alive, end.alive_error):>18}{notation.percent(end.waiting):>19}"
         lines.append(row)
     lines += ["", *_fill("Probabilities counted from now, each row with those above it.", 3)]
     if not suspension.planned:

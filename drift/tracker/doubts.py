@@ -25,7 +25,7 @@ def of(study: Study) -> list[str]:
     if not isinstance(study.target, Detections):
         return told
     dry = [
-        f"{_share(share)} of the box of the plot of {notation.group(_moment(study, time))} is land: check its bearing and range, "
+        f"{notation.percent(share, 0)} of the box of the plot of {notation.group(_moment(study, time))} is land: check its bearing and range, "
         "and the tracker's position"
         for time, share in ashore(study).items() if share > MOST
     ]  # fmt: skip
@@ -93,10 +93,6 @@ def _on_land(study: Study, place: Array) -> Array:
         True
     )
     return found
-
-
-def _share(share: float) -> str:
-    return f"{100 * share:.0f} %"
 
 
 def _moment(study: Study, seconds: float) -> np.datetime64:

@@ -38,15 +38,15 @@ def facts(study: Study) -> dict[str, str]:
     told |= {f'way of following "{method.name}"': _method(method) for method in study.methods}
     if (chase := study.pursuit) is not None:
         told["pursuit"] = (
-            f"to {chase.aim} it, from {notation.position(*np.degrees(chase.start))} at {_moment(study, chase.begin)}{_goal(chase)}, "
-            f"{chase.steps} looks every {notation.lasting(chase.interval)}, {chase.speed / KNOT:.4g} kn, within {chase.reach / NMI:.4g} nmi"
+            f"to {chase.aim} it, from {notation.stated_position(*np.degrees(chase.start))} at {_moment(study, chase.begin)}{_goal(chase)}, "
+            f"{chase.steps} looks every {notation.lasting(chase.interval)}, {notation.number(chase.speed / KNOT)} kn, within {notation.number(chase.reach / NMI)} nmi"
         )
     doubted = doubts.of(study)
     return {**told, "warning": "; ".join(doubted)} if doubted else told
 
 
 def _goal(chase: Pursuit) -> str:
-    return "" if chase.to is None else f" to {notation.position(*np.degrees(chase.to))}"
+    return "" if chase.to is None else f" to {notation.stated_position(*np.degrees(chase.to))}"
 
 
 def _moment(study: Study, seconds: float) -> str:
@@ -58,9 +58,9 @@ def _way(place: Array, rate: Array) -> str:
     lon, lat = path.degrees(place[0])
     speed = rate * sphere.RADIUS / KNOT
     if not len(speed) or speed.max() < 0.005:
-        return f"stays at {notation.position(float(lon), float(lat))}"
-    low, high = f"{speed.min():.3g}", f"{speed.max():.3g}"
-    return f"from {notation.position(float(lon), float(lat))}, {low if low == high else f'{low} to {high}'} kn"
+        return f"stays at {notation.stated_position(float(lon), float(lat))}"
+    low, high = notation.number(float(speed.min()), 3), notation.number(float(speed.max()), 3)
+    return f"from {notation.stated_position(float(lon), float(lat))}, {low if low == high else f'{low} to {high}'} kn"
 
 
 def _target(scene: Scene) -> str:
@@ -79,12 +79,16 @@ def _detections(study: Study, found: Detections) -> str:
 def _sensor(sensor: Sensor, written: bool) -> str:
     """Return what a sensor is; written: whether its detections were written down."""
     bearing = (
-        "any bearing" if sensor.bearing_error >= math.pi else f"bearing +- {math.degrees(sensor.bearing_error):g} deg"
+        "any bearing"
+        if sensor.bearing_error >= math.pi
+        else f"bearing +- {notation.number(math.degrees(sensor.bearing_error))} deg"
     )
-    words = f"to {sensor.reach / NMI:.4g} nmi, range +- {100 * sensor.range_share:g} %, {bearing}"
+    words = (
+        f"to {notation.number(sensor.reach / NMI)} nmi, range +- {notation.hundredths(sensor.range_share)} %, {bearing}"
+    )
     if sensor.hears:
         return f"{words}; hears what radiates, its silence tells nothing"
-    words = f"{words}; sweeps every {sensor.interval:g} s, {_on(sensor.on)}"
+    words = f"{words}; sweeps every {notation.number(sensor.interval)} s, {_on(sensor.on)}"
     silent = written and sensor.on.begin < math.inf
     return words + (
         f"; its silence counts from {notation.lasting(sensor.grace)} off a plot within its reach" if silent else ""
@@ -103,17 +107,17 @@ def _on(plan: Plan) -> str:
 def _method(method: Tracker) -> str:
     filling = method.filling
     return (
-        f"{_behaviour(method.behaviour)}; below {100 * filling.partial:g} % duplicated, below {100 * filling.bulk:g} % drawn anew by "
+        f"{_behaviour(method.behaviour)}; below {notation.hundredths(filling.partial)} % duplicated, below {notation.hundredths(filling.bulk)} % drawn anew by "
         f"{filling.method} or lost"
     )
 
 
 def _behaviour(law: Behaviour) -> str:
     """Return what particles do, and how often."""
-    most = f"up to {law.fastest / KNOT:.4g} kn"
+    most = f"up to {notation.number(law.fastest / KNOT)} kn"
     if law.acts is None:
         return f"keeps course and speed, {most}"
     chances = (("changes", law.change), ("seeks", law.seek), ("hides", law.hide))
-    each = ", ".join(f"{what} with {100 * chance:g} %" for what, chance in chances if chance > 0)
+    each = ", ".join(f"{what} with {notation.hundredths(chance)} %" for what, chance in chances if chance > 0)
     soonest, latest = law.acts
     return f"{each or 'keeps course and speed'} every {notation.lasting(soonest)} to {notation.lasting(latest)}, {most}"

@@ -95,7 +95,7 @@ def describe(source: Source) -> list[str]:
     lines.append(f"  when     {_when(source)}")
     values = source.read(0)
     speed = np.hypot(values[..., 0], values[..., 1])
-    missing = f"  missing  {source.missing:.1%} of the nodes of the first slice"
+    missing = f"  missing  {notation.percent(source.missing)} of the nodes of the first slice"
     lines.append(missing)
     if np.isfinite(speed).any():
         middle = np.nanmean(values.reshape(-1, 2), axis=0, dtype=float)

@@ -47,6 +47,8 @@ class Source:
     blank: returns which of some slices hold nothing, None where none can be asked.
     label: what it is called as a member of an ensemble; others: the other members of an ensemble of which this is the
     first, on the same grid, with the same times.
+    gapless: interpolated however far apart its times are, as rows that a person reported are; False: a gap of more than
+    stream.LONGEST_GAP times the usual interval is a hole in the data.
     """
 
     quantity: str
@@ -63,6 +65,7 @@ class Source:
     others: tuple["Source", ...] = ()
     edges: bool = False
     blank: Callable[[Sequence[int]], list[int]] | None = None
+    gapless: bool = False
 
     @property
     def members(self) -> tuple["Source", ...]:
@@ -297,7 +300,9 @@ def _uniform(
         row = np.stack((u * np.cos(turn) + v * np.sin(turn), v * np.cos(turn) - u * np.sin(turn)), axis=-1)
         return np.ascontiguousarray(np.broadcast_to(row.astype(np.float32), (2, *row.shape)))
 
-    spoken = " then ".join(as_said(quantity, *vector) for vector in values[:3].tolist())
+    spoken = " then ".join(
+        as_said(quantity, *vector) for vector in zip(east[:3].tolist(), north[:3].tolist(), strict=True)
+    )
     rest = f" and {len(values) - 3} more" if len(values) > 3 else ""
     note = f"the same everywhere: {spoken}{rest}"
     if about is None:
@@ -308,10 +313,15 @@ def _uniform(
 
 def as_said(quantity: str, east: float, north: float) -> str:
     """Return a vector as mariners say it: winds from, currents toward, knots."""
+    speed = float(np.hypot(east, north))
+    if speed == 0:
+        return "0 kn"
     toward = np.degrees(np.arctan2(east, north))
     from_ = QUANTITIES[quantity].in_air
-    angle = (toward + 180 if from_ else toward) % 360
-    return f"{np.hypot(east, north) * 3600 / 1852:.1f} kn {'from' if from_ else 'toward'} {angle:03.0f}"
+    angle = float(toward + 180 if from_ else toward)
+    return (
+        f"{notation.number(speed / notation.KNOT, 4)} kn {'from' if from_ else 'toward'} {notation.bearing(angle, 4)}"
+    )
 
 
 def analytic(

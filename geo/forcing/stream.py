@@ -24,6 +24,11 @@ Times = npt.NDArray[np.datetime64]
 Key = int | float  # an index of a slice, or a time [s] between two
 
 
+def holes_of(source: Source) -> list[tuple[np.datetime64, np.datetime64]]:
+    """Return the (begin, end) of the holes in a source: between them it has nothing."""
+    return [] if source.gapless else holes(source.times)
+
+
 def holes(times: Times) -> list[tuple[np.datetime64, np.datetime64]]:
     """Return the (begin, end) of the holes in a source's times: between them it has nothing."""
     if times.size < 2:
@@ -33,10 +38,10 @@ def holes(times: Times) -> list[tuple[np.datetime64, np.datetime64]]:
     return [(times[k], times[k + 1]) for k in wide]
 
 
-def spans(times: Times) -> list[tuple[np.datetime64, np.datetime64]]:
+def spans(source: Source) -> list[tuple[np.datetime64, np.datetime64]]:
     """Return the (begin, end) of the spans in which a source that is not steady has something."""
-    inner = [end for hole in holes(times) for end in hole]
-    ends = [times[0], *inner, times[-1]]
+    inner = [end for hole in holes_of(source) for end in hole]
+    ends = [source.times[0], *inner, source.times[-1]]
     return list(zip(ends[::2], ends[1::2], strict=True))
 
 
@@ -76,7 +81,7 @@ class Slices:
             return Bracket(float(low), float(high), 0.0, 1.0)
         i = min(bisect_right(nodes, low) - 1, len(nodes) - 2)
         j = max(bisect_left(nodes, high), i + 1)
-        if max(self._steps[i:j]) > LONGEST_GAP * self._usual:
+        if not self.source.gapless and max(self._steps[i:j]) > LONGEST_GAP * self._usual:
             return None
         if j > i + 1:
             return Bracket(float(low), float(high), 0.0, 1.0)

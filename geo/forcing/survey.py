@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from geo import notation
 from geo.array import Array
 from geo.errors import UserError
 from geo.files.dataset import remote
@@ -58,7 +59,7 @@ def of(components: tuple[Component, Component], count: int, plausible: bool, nam
             share = float(np.mean(values == fill))
             values[values == fill] = np.nan
             notes.append(
-                f'"{component.name}" holds {fill:g} at {share:.1%} of its points, apart from all other values: taken '
+                f'"{component.name}" holds {fill:g} at {notation.percent(share)} of its points, apart from all other values: taken '
                 "as a fill value that the file does not declare (plausible = true to take it as a value)"
             )
         with np.errstate(invalid="ignore", over="ignore"):
@@ -68,14 +69,14 @@ def of(components: tuple[Component, Component], count: int, plausible: bool, nam
         share = float(np.mean(samples[0] == fill))
         samples = [np.where(values == fill, np.nan, values) for values in samples]
         notes.append(
-            f"both components hold {fill:g} at {share:.1%} of their points, apart from all other values: taken as a "
+            f"both components hold {fill:g} at {notation.percent(share)} of their points, apart from all other values: taken as a "
             "fill value that the file does not declare (plausible = true to take it as a value)"
         )
     shares = _still(components, samples, looked_at)
     dry = min(shares) > DRY and max(shares) < 1 and _may_be_dry(components, samples)
     if dry:
         notes.append(
-            f"{max(shares):.1%} of the values are exactly zero at all {len(looked_at)} times looked at: taken as land "
+            f"{notation.percent(max(shares))} of the values are exactly zero at all {len(looked_at)} times looked at: taken as land "
             '(variables.mask = "none" to take them as still water)'
         )
     notes += _judged(components, samples, looked_at, plausible, name)

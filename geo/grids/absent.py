@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from geo import notation
 from geo.array import Array
 from geo.grids.layout import Curved
 
@@ -36,7 +37,9 @@ def without(lon: Array, lat: Array, notes: list[str]) -> tuple[Array, Array]:
             if block.any():
                 first = np.argmax(block)
                 where = f"{np.ravel(lon)[first]:g} E, {np.ravel(lat)[first]:g} N"
-                notes.append(f"{block.mean():.1%} of the points have no place of their own ({where}): left out as land")
+                notes.append(
+                    f"{notation.percent(block.mean())} of the points have no place of their own ({where}): left out as land"
+                )
                 coordinates = [np.where(block, np.nan, values) for values in coordinates]
     return coordinates[0], coordinates[1]
 

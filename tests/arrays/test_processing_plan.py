@@ -119,7 +119,7 @@ def test_a_plan_by_the_command_is_the_best_of_all(tmp_path, capsys):
     assert {"processing.txt", "processing.png"} <= {path.name for path in (tmp_path / "out").iterdir()}
     text = (tmp_path / "out" / "processing.txt").read_text()
     assert max(map(len, text.splitlines())) <= 78
-    assert f"POD {plan.pod:.1%}" in " ".join(text.split())
+    assert f"POD {100 * plan.pod:.1f} %" in " ".join(text.split())
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["processing"]["pod"] == plan.pod
     assert "processing.txt" in (tmp_path / "out" / "report.html").read_text()
@@ -308,7 +308,7 @@ legs = 1
     assert said['tow "Tail"'] == (
         'tows "tail" at 3 kn on a leg, from 35-30.0N 178-00.0E at 11 kn, ready 010400ZJUN26, for 5 h, begins in '
         "35-00.0N 178-00.0E - 35-00.0N 179-00.0E - 36-00.0N 179-00.0E, stays in "
-        "34-00.0N 177-00.0E - 34-00.0N 179-00.0E - 37-00.0N 179-00.0E, courses 330 to 40"
+        "34-00.0N 177-00.0E - 34-00.0N 179-00.0E - 37-00.0N 179-00.0E, courses 330 to 040"
     )
     alone = drift.check(load(tmp_path))
     assert "plan" not in alone

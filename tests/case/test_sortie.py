@@ -381,7 +381,7 @@ SORTIES = {
     "an empty table": (FULL.replace('"1.2 nmi"', "{}"), "is empty"),
     "tables without visibility": (FULL.replace('"1.2 nmi"', '{ wind = "5 kn" }'), "visibility: is missing"),
     "tables without weather": (FULL.replace('"1.2 nmi"', '{ visibility = "5 nmi" }'), "wind or seas is missing"),
-    "tables misspelled": (FULL.replace('"1.2 nmi"', '{ visibility = "5 nmi", wimd = "5 kn" }'), 'did you mean "wind"?'),
+    "tables misspelled": (FULL.replace('"1.2 nmi"', '{ visibility = "5 nmi", wimd = "5 kn" }') + 'unit = "Aircraft"\naltitude = "500 ft"\n', 'did you mean "wind"?'),
     "an unlikely uncertainty": (FULL + "sweep_width_uncertainty = 30\n", "standard deviation as a share"),
     "a group of nothing": (FULL + 'sweep_group = ""\n', "one line of letters"),
     "unknown law": (FULL + 'law = "inverse cube"\n', 'did you mean "inverse_cube"?'),
@@ -489,7 +489,7 @@ def test_tables_ask_for_what_they_need(tmp_path: Path) -> None:
 def test_an_unknown_search_object(tmp_path: Path) -> None:
     line = refusal(tmp_path, scenarios=SCENARIOS.replace("raft 4 person", "raft 5 person"))
     assert 'scenario "raft".search_object: no search object "raft 5 person"' in line
-    assert "nearest is" in line
+    assert 'nearest by size are "Raft 4 person" or "Raft 6 person"' in line
 
 
 def test_a_name_of_nothing(tmp_path: Path) -> None:

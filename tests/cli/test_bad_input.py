@@ -52,7 +52,7 @@ FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     "too early": (lambda path: field(hours=np.arange(-50, -30)).to_netcdf(path), ": 0% of it is covered"),
     "ends halfway": (lambda path: field(hours=np.arange(7)).to_netcdf(path), ": 50% of it is covered"),
     "elsewhere": (lambda path: field(west=120.0).to_netcdf(path), "no overlap"),
-    "half of the prior outside": (lambda path: field(west=-88.0).to_netcdf(path), "54% of the prior"),
+    "half of the prior outside": (lambda path: field(west=-88.0).to_netcdf(path), "54.2 % of the prior"),
 }
 
 

@@ -113,7 +113,7 @@ def test_where_it_has_no_value_a_run_is_lost_only_if_it_is_needed(
     wide = ("[[wind]]", "[domain]\nwest = -92.0\neast = -80.0\nsouth = 25.6\nnorth = 29.4\n[[wind]]")
     case = case_of(tmp_path, '[[ice]]\nfiles = "ice.nc"\n', wide)
     if needed:
-        with pytest.raises(UserError, match=r"\[\[ice\]\]: 100% of the prior lies where there is no ice"):
+        with pytest.raises(UserError, match=r"\[\[ice\]\]: 100 % of the prior lies where there is no ice"):
             drift.run(case)
         return
     icy, bare = (drift.run(one) for one in (case, case_of(tmp_path, "", wide)))

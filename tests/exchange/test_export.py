@@ -117,7 +117,7 @@ def test_kml_has_the_search_and_the_plan_and_needs_no_colour(run: Path, tmp_path
     summary = json.loads((run / "summary.json").read_text())
     flown = [f["properties"] for f in json.loads((run / "sorties.geojson").read_text())["features"]]
     pos = next(told["pos"] for told in flown if told["name"] == "Orion <1>")
-    assert f"POS {pos:.1%}" in named.findtext("{*}description")
+    assert f"POS {100 * pos:.1f} %" in named.findtext("{*}description")
     told = root.findtext("{*}Document/{*}description")
     assert summary["run_id"] in told
     assert summary["uncertainty"]["told"] in told
@@ -159,7 +159,7 @@ def test_gpx_for_plotters(run: Path, forecast: xr.Dataset, tmp_path: Path, monke
     known = contours(run)
     assert any(shape.bounds[2] == 180 for shape in known.values()), "the case is made so that areas lie across"
     for (time, share), shape in known.items():
-        line = told[f"{notation.percent(share)}% {notation.day_time(np.datetime64(time[:-1]))}"]
+        line = told[f"{notation.hundredths(share)}% {notation.day_time(np.datetime64(time[:-1]))}"]
         # The outline, without the edges at 180 degrees where it was cut; 180 is written -180.
         edges = np.array(
             [pair for ring in shapely.get_rings(shapely.get_parts(shape)) for pair in pairwise(ring.coords)]
@@ -177,7 +177,7 @@ def test_gpx_for_plotters(run: Path, forecast: xr.Dataset, tmp_path: Path, monke
             <= 2 * HALF
         )
     assert set(told) - {"MEAN", "Orion <1>"} == {
-        f"{notation.percent(share)}% {notation.day_time(np.datetime64(time[:-1]))}" for time, share in known
+        f"{notation.hundredths(share)}% {notation.day_time(np.datetime64(time[:-1]))}" for time, share in known
     }
 
 

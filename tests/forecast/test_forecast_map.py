@@ -21,7 +21,7 @@ from drift.maps.imprint import Imprint, Setting
 from drift.maps.marks import Line, Mark
 from drift.particles.snapshot import Snapshot
 from drift.particles.status import Status
-from geo import sphere
+from geo import notation, sphere
 
 WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
 
@@ -227,10 +227,18 @@ def test_colour_bars_have_round_numbers(top):
 
 @pytest.mark.parametrize(
     ("share", "text"),
-    [(0, "0 %"), (1e-6, "< 0.1 %"), (0.069, "6.9 %"), (0.99999, "> 99.9 %"), (1 - 1e-12, "100.0 %")],
+    [
+        (0, "0 %"),
+        (1e-6, "< 0.1 %"),
+        (0.069, "6.9 %"),
+        (0.99999, "> 99.9 %"),
+        (1 - 1e-12, "100 %"),
+        (1, "100 %"),
+        (0.9994, "99.9 %"),
+    ],
 )
 def test_percent_tells_none_from_little(share, text):
-    assert labels.percent(share) == text
+    assert notation.percent(share) == text
 
 
 def test_what_is_off_the_map_is_said():

@@ -2,6 +2,7 @@
 
 import pytest
 
+from drift.cli import commands
 from drift.motion import everyday, leeway
 from drift.search import sweep_width
 
@@ -31,6 +32,38 @@ def test_every_pattern_of_classes_fits_some() -> None:
 def test_no_word_stands_in_two_rows() -> None:
     every = [word for row in everyday._rows("everyday_words.csv") for word in row["words"].split("|")]
     assert len(every) == len(set(every))
+
+
+@pytest.mark.parametrize(
+    ("words", "name", "searched"),
+    [
+        ("kayak", "PERSON-POWERED-VESSEL-1", None),
+        ("paddle", "PERSON-POWERED-VESSEL-1", None),
+        ("SUP", "PERSON-POWERED-VESSEL-2", None),
+        ("surfboard", "PERSON-POWERED-VESSEL-2", None),
+        ("canoe", "PERSON-POWERED-VESSEL-1", None),
+        ("dinghy", "SAILBOAT-8", "Sail Boat 15ft"),
+        ("rubber boat", "LIFE-RAFT-NB-1", "Raft 4 person to Raft 15 person, by capacity"),
+        ("RIB", "SKIFF-1", "Power Boat ≤ 15ft to Power Boat 20ft, by length"),
+        ("jet-ski", "SKIFF-1", "Power Boat ≤ 15ft to Power Boat 20ft, by length"),
+        ("pedalo", "SKIFF-2", "Power Boat ≤ 15ft to Power Boat 20ft, by length"),
+        ("life jackets", "PIW-2", "Person in Water"),
+    ],
+)
+def test_what_people_lose_has_a_class_and_its_search_object_or_none(
+    words: str, name: str, searched: str | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert name in found(words)
+    goes_with = everyday.search_objects(name)
+    assert (goes_with and goes_with.words) == searched
+    assert commands.main(["objects", *words.split()]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert (searched or "none of the sweep width tables fits; give sweep_width itself") in printed
+
+
+def test_what_no_class_fits_is_described_in_the_case(capsys: pytest.CaptureFixture[str]) -> None:
+    assert commands.main(["objects", "drone"]) == 2
+    assert 'object = { windage = "3 %" }' in capsys.readouterr().err
 
 
 def test_words_are_combined_with_those_of_descriptions() -> None:

@@ -144,6 +144,6 @@ def test_a_check_tells_families_by_their_axes(tmp_path: Path) -> None:
     path = tmp_path / "case.toml"
     path.write_text(CASE)
     told = drift.check(case_file.load(path))
-    assert told['family "transit"'] == "75%, 18 scenarios: speed 5-6 kn to 10-11 kn (6); departure +0 h, +2 h, +4 h"
+    assert told['family "transit"'] == "75 %, 18 scenarios: speed 5-6 kn to 10-11 kn (6); departure +0 h, +2 h, +4 h"
     assert 'such as "transit, 5-6 kn, +0 h"' in told
     assert [name for name in told if name.startswith("scenario")] == ['scenario "=south"']

@@ -2,6 +2,7 @@
 
 import csv
 import itertools
+import re
 from importlib import resources
 from pathlib import Path
 
@@ -114,6 +115,33 @@ def test_names_as_people_write_them() -> None:
     for name in sweep_width.objects():
         assert sweep_width.find(name) == name
     assert [sweep_width.find_kind(kind.upper()) for kind in KINDS] == list(KINDS)
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [
+        ("Power Boat 6ft", 'nearest is "Power Boat ≤ 15ft"'),
+        ("Power Boat 40ft", 'nearest by size are "Power Boat 33ft" or "Power Boat 53ft"'),
+        ("40 ft motor boat", 'nearest by size are "Power Boat 33ft" or "Power Boat 53ft"'),
+        ("Power Boat 90ft", 'nearest is "Power Boat 78ft"'),
+        ("Yacht 12 m", 'nearest by size are "Sail Boat 30ft" or "Sail Boat 40ft"'),  # 39.4 ft
+        ("Ship 400ft", 'nearest is "Ship ≥ 300ft"'),
+        ("Life raft 5", 'nearest by size are "Raft 4 person" or "Raft 6 person"'),
+        ("Life raft", 'give its size: "Raft 1 person", "Raft 4 person",'),
+        ("Person in Watr", 'nearest is "Person in Water"'),
+        (
+            "dinghy",
+            'for "dinghy" choose "Power Boat ≤ 15ft", "Power Boat 20ft" or "Sail Boat 15ft"; see: drift objects',
+        ),
+        ("kayak", 'none of them fits "kayak": give sweep_width itself'),
+    ],
+)
+def test_what_is_advised_goes_by_size(name: str, advice: str) -> None:
+    with pytest.raises(UserError, match=re.escape(advice)):
+        sweep_width.find(name)
+    for quoted in re.findall('"([^"]+)"', advice):
+        if quoted not in ("dinghy", "kayak"):
+            assert sweep_width.find(quoted) == quoted  # the remedy works
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from drift.sensors import noise
+from drift.sensors import hearing, noise
 from geo.errors import UserError
 
 BEARING = np.arange(0.0, 360.0, 20.0)
@@ -119,3 +119,21 @@ def test_tables_that_are_no_noise_are_refused(rows: list[list[float]], said: str
 def test_a_level_that_no_noise_has_is_refused(level: float) -> None:
     with pytest.raises(UserError, match=r"^noise: a noise level of \S+ dB; allowed are 0 to 200 dB"):
         noise.constant(level)
+
+
+def test_a_rose_by_quarters_is_straight_in_between() -> None:
+    """As a rose by eighths is whose others are the means of their neighbours."""
+    quarters = noise.of_table([[0, 70], [90, 75], [180, 68], [270, 72]])
+    eighths = noise.of_table([[0, 70], [45, 72.5], [90, 75], [135, 71.5], [180, 68], [225, 70], [270, 72], [315, 71]])
+    at = np.radians(np.arange(0, 360, 7.5))
+    levels = [hearing.round_circle(at, one.bearing, one.level.T)[:, 0] for one in (quarters, eighths)]
+    np.testing.assert_allclose(*levels, rtol=0, atol=1e-5)
+    assert levels[0][9] == pytest.approx(70 + 5 * 67.5 / 90)
+    by_sector = noise.of_table([[45, 70], [135, 75], [225, 68], [315, 72]])  # north-east, south-east, ..
+    assert hearing.round_circle(np.zeros(1), by_sector.bearing, by_sector.level.T)[0, 0] == pytest.approx(71)
+
+
+@pytest.mark.parametrize("bearings", [(0, 90, 180), (0, 120, 240), (0, 180)])
+def test_less_than_four_quarters_is_refused(bearings: tuple[float, ...]) -> None:
+    with pytest.raises(UserError, match=r"^noise: nothing between the bearings .* allowed are 90 degrees"):
+        noise.of_table([[bearing, 70.0] for bearing in bearings])

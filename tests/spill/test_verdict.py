@@ -55,7 +55,7 @@ def test_every_odd_find_is_a_warning_wherever_warnings_stand(told, tmp_path: Pat
         assert place in words
         assert verdict_on_it in words
         assert "is odd" in words
-        assert "under 0.1 %" in words
+        assert "put the next find there with 0 %, and" in words  # it is exactly 0
         assert any(line == words for line in outcome.numbers(summary(folder))["warnings"])
         assert words in summary(folder)["spill"]["warning"]
         assert words in drift.export(folder, "kml", tmp_path / f"kml-{name}")[0].read_text()

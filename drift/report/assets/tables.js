@@ -43,11 +43,13 @@ function significant(value, digits = 3) {
   return Number(value.toPrecision(digits)).toLocaleString("en", { maximumFractionDigits: 12 });
 }
 
+// The rule of geo.notation.percent.
 function percent(value) {
-  const hundred = 100 * value;
-  if (value > 0 && hundred < 0.05) return "under 0.1 %";
-  if (value < 1 && hundred > 99.95) return "over 99.9 %";
-  return `${hundred.toFixed(1)} %`;
+  if (value <= 0) return "0 %";
+  if (value >= 1 - 1e-9) return "100 %";
+  const text = (100 * value).toFixed(1);
+  if (text === "0.0") return "< 0.1 %";
+  return text === "100.0" ? "> 99.9 %" : `${text} %`;
 }
 
 // By the third member of a column: how its values are written; "words" and "time" stand to the left.
@@ -56,6 +58,7 @@ const FORMS = {
   time: value => group(epoch(value)),
   share: value => percent(Number(value)),
   number: value => significant(Number(value)),
+  stated: value => Number(Number(value).toPrecision(12)).toLocaleString("en", { maximumFractionDigits: 12 }), // by the case
   count: value => Math.round(Number(value)).toLocaleString("en"),
   nmi2: value => `${significant(Number(value))} nmi²`,
   factor: value => `× ${significant(Number(value))}`,

@@ -639,7 +639,7 @@ def test_understand_and_describe(data: Path, tmp_path: Path) -> None:
     sources = describe.understand(data / "paria" / "Sea_Med_slice_20170422_Paria.nc")
     assert [s.quantity for s in sources] == ["current"]
     text = "\n".join(describe.describe(sources[0]) + describe.sketch(sources[0]))
-    for words in ("current: Sea_Med", "66.00 W to 62.00 W, 9.00 N to 13.00 N", "221200ZAPR17 only", "34.1%", "·"):
+    for words in ("current: Sea_Med", "66.00 W to 62.00 W, 9.00 N to 13.00 N", "221200ZAPR17 only", "34.1 %", "·"):
         assert words in text
     both = xr.merge([xr.open_dataset(timed(tmp_path / "a.nc", [0.0, 3.0]), decode_times=False)])
     both["u10"] = both.uo.assign_attrs(standard_name="eastward_wind") * 9.0

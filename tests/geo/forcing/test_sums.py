@@ -230,16 +230,16 @@ def test_a_place_without_a_term_ends_a_particle_and_the_refusal_names_the_term(
     small.to_netcdf(folder / "narrow.nc")
     narrow = TIDE.replace("tide.nc", "narrow.nc")
     with pytest.raises(
-        UserError, match=r'50% of the prior .* no current .*"tide" begins .* A sum has no value'
+        UserError, match=r'50\.0 % of the prior .* no current .*"tide" begins .* A sum has no value'
     ) as refused:
         check.check(case_of(folder, RESIDUAL + narrow))
     assert "residual" not in str(refused.value)
     dry = RESIDUAL + "fill = 0\n" + TIDE  # a tide over land is no current: the residual one is missing
-    with pytest.raises(UserError, match=r'25% of the prior .*"residual" has no value there.* A sum has no value'):
+    with pytest.raises(UserError, match=r'25\.0 % of the prior .*"residual" has no value there.* A sum has no value'):
         check.check(case_of(folder, dry, [*STARTS[:3], (-179.2, -16.8)]))
     # toward the edge of the tide's grid, a kilometre away
     edge = float(small.lon[-1])
-    with pytest.raises(UserError, match=r'100% ran out of forcing \(no value: current "tide" 100%\)'):
+    with pytest.raises(UserError, match=r'100 % ran out of forcing \(no value: current "tide" 100 %\)'):
         drift.run(case_of(folder, RESIDUAL + narrow, [(edge - 0.01, -17.5)]))
     result = drift.run(case_of(folder, RESIDUAL + narrow, [(edge - 0.01, -17.5)], max_lost="1.0"))
     assert (result.trajectories.status[:, -1] == Status.OUTSIDE).all()

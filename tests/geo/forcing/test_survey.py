@@ -199,7 +199,7 @@ def test_undeclared_fill_values_are_found_and_named(fill: float, tmp_path: Path)
     source = sources.open_source("current", saved(tmp_path / "a.nc", u, v, dtype="float32"))
     np.testing.assert_array_equal(np.isnan(source.read(0)[..., 0]), land)
     assert source.read(0)[5, 5, 0] == np.float32(1.7)
-    assert any(f'"uo" holds {fill:g} at {land.mean():.1%} of its points' in note for note in source.notes)
+    assert any(f'"uo" holds {fill:g} at {100 * land.mean():.1f} % of its points' in note for note in source.notes)
 
 
 def test_a_packed_field_that_saturates_keeps_its_extreme(tmp_path: Path) -> None:

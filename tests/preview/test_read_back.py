@@ -1,0 +1,71 @@
+"""`drift check` reads a case's own numbers back to the digits given: the oracle is the case file itself."""
+
+import pytest
+
+CASE = """
+start = "2026-11-21T18:00Z"
+duration = "6 h"
+particles = 100
+domain = { west = -1.123456, east = 1.5, south = 59.5, north = 61.25 }
+coast = { source = "none" }
+current = [{ constant = { speed = "0.25 kn", toward = 123.5 } }]
+uncertainty = { current = "none", wind = { std = "1.23456 m/s", time = "2.25 h" }, diffusivity = "1.23456789 m2/s" }
+[[wind]]
+table = [
+    { time = "+0 h", speed = "12.34 kn", from = 240.25 },
+    { time = "+3 h", speed = "0 kn", from = 100 },
+    { time = "+6 h", speed = "0.05 kn", from = 7.5 },
+]
+[[scenario]]
+name = "raft"
+weight = 0.125
+object = { windage = "2.345 %" }
+position = { at = "60 10.255N 000 10.125W", error = "1.2 nmi" }
+[[scenario]]
+name = "box"
+weight = 0.875
+object = { immersion = "62.5 %" }
+position = { at = "60 10N 000 10W", error = "1.2 nmi" }
+[[sortie]]
+start = "+2 h"
+end = "+3 h"
+sweep_width = "0.1234 nmi"
+spacing = "0.25 nmi"
+area = { centre = "60 10.25N 000 10.1W", length = "2 nmi", width = "1 nmi", orientation = 12.5 }
+[[unit]]
+name = "lifeboat"
+base = "60 10.255N 000 10.125W"
+ready = "+3 h"
+endurance = "1.255 h"
+search_speed = "12.5 kn"
+transit_speed = "25 kn"
+sweep_width = "0.1234 nmi"
+"""
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    from drift.case import file as case_file
+    from drift.preview import check
+
+    path = tmp_path_factory.mktemp("read_back") / "digits.toml"
+    path.write_text(CASE)
+    return check.check(case_file.load(path))
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("domain", "-1.123456 to 1.5 E, 59.5 to 61.25 N"),
+        ("errors", "1.23456 m/s over 2.25 h"),
+        ("errors", "1.23456789 m2/s"),
+        ("current current 1", "0.25 kn toward 123.5"),
+        ("wind wind 1", "12.34 kn from 240.25 then 0 kn then 0.05 kn from 007.5"),
+        ('scenario "raft"', "12.5 %, windage: Windage 2.345 %"),
+        ('scenario "box"', "Immersed to 62.5 %"),
+        ('unit "lifeboat"', "from 60-10.255N 000-10.125W"),
+        ('unit "lifeboat"', "1.255 h on scene, W 0.1234 nmi"),
+    ],
+)
+def test_check_reads_back(told, line, words):
+    assert words in told[line]
