@@ -7,7 +7,7 @@ forcing is found here, all of them at once, a line each. Cases that ship with th
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from importlib import resources
@@ -30,6 +30,7 @@ from geo.forcing.quantity import QUANTITIES
 
 FILES = ("files", "source", "lakes", "file", "network", "track", "actual")  # keys that name input files
 LONG_WORD = re.compile(r"\S{301,}")  # of what was given: shortened, so that what is wrong with it can be read
+ALONG = "along the tracks"  # name of a source that stands for columns of a drifters' file
 LARGEST = 16 * 2**20  # [bytes] of a case file: a thousand times those that ship
 
 
@@ -43,11 +44,14 @@ def shipped(folder: str = "") -> list[tuple[str, str]]:
     ]
 
 
-def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = None) -> Case:
+def load(
+    name: str | os.PathLike[str], overrides: Mapping[str, str] | None = None, *, along: Collection[str] = ()
+) -> Case:
     """Return the case of a TOML file, or of a shipped case's name.
 
-    overrides: {"clock.step": "10 min", "scenario.0.weight": "0.3"}: places in the file and TOML values.
-    Raises one UserError for whatever is wrong with it, a line for each mistake.
+    overrides: {"clock.step": "10 min", "scenario.0.weight": "0.3"}: places in the file and TOML values. along: quantities,
+    "current", "wind", "stokes", that columns of a drifters' file give (`drift.verify`, `drift.fit_errors`), so that the
+    case needs no source of them. Raises one UserError for whatever is wrong with it, a line for each mistake.
     """
     path, text = _read(name)
     try:
@@ -63,6 +67,10 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
         with wrong.gathered():
             override(data, key, value)
         text += f"\n# --set {key}={value}"
+    for quantity in along:
+        if not data.get(quantity):
+            data[quantity] = [{"name": ALONG, "constant": {"east": 0.0, "north": 0.0}}]
+            text += f"\n# {quantity}: from columns along the tracks of drifters"
     return _validated(data, path, text, wrong)
 
 

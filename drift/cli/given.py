@@ -3,7 +3,7 @@
 import argparse
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,10 @@ from geo.errors import UserError
 FARTHEST = 20_000_000.0  # [m] no two points of the Earth are farther apart
 
 
-def case(name: str, changes: Sequence[str], seed: int | None, option: str = "--set") -> Any:
-    """Return a case file or a shipped case with its changes."""
+def case(
+    name: str, changes: Sequence[str], seed: int | None, option: str = "--set", along: Collection[str] = ()
+) -> Any:
+    """Return a case file or a shipped case with its changes; along: quantities that it needs no sources of."""
     from drift.case import file as case_file
 
     try:
@@ -23,7 +25,7 @@ def case(name: str, changes: Sequence[str], seed: int | None, option: str = "--s
     overrides = changed(changes, option)
     if seed is not None:
         overrides["seed"] = str(seed)
-    return case_file.load(name, overrides)
+    return case_file.load(name, overrides, along=along)
 
 
 def changed(changes: Sequence[str], option: str = "--set") -> dict[str, str]:
@@ -101,7 +103,13 @@ def drifters(given: argparse.Namespace) -> dict[str, Any]:
         "columns": reading.mapped(given.columns),
         "gap": quantity(given.max_gap, "s", "--max-gap", "3 h"),
         "fastest": quantity(given.max_speed, "m/s", "--max-speed", "3 m/s"),
+        "ends_aground": given.ends_aground,
     }
+
+
+def along(columns: Mapping[str, str]) -> list[str]:
+    """Return the quantities that columns of a drifters' file give."""
+    return list(dict.fromkeys(key.rpartition("_")[0] for key in columns))
 
 
 def check_file(path: Path, option: str, suffix: str) -> None:

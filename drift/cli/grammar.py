@@ -155,6 +155,11 @@ def _add_drifters(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--max-speed", default="3 m/s", metavar="SPEED", help="fixes that need more are not believed (default: 3 m/s)"
     )
+    command.add_argument(
+        "--ends-aground",
+        action="store_true",
+        help="a drifter whose track ends near the shore ran aground there (default: nobody knows what became of it)",
+    )
 
 
 def _add_results(command: argparse.ArgumentParser, folder: str) -> None:

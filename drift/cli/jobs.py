@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -135,13 +135,14 @@ def compare(given: argparse.Namespace) -> Answer:
 def verify(given: argparse.Namespace) -> Answer:
     """Forecast real drifters from many starts."""
     drifters = take.drifters(given)
+    along = take.along(drifters["columns"])
     drifters |= {
         "every": take.quantity(given.every, "s", "--every", "12 h"),
         "error": take.quantity(given.error, "m", "--error", "100 m"),
         "hours": given.hours,
         "particles": given.particles,
     }
-    with _started(given, "verify") as (case, out, options):
+    with _started(given, "verify", along) as (case, out, options):
         from drift.drifters import files, verification
         from drift.drifters import text as verification_text
 
@@ -154,7 +155,7 @@ def fit_errors(given: argparse.Namespace) -> Answer:
     """Fit a case's [uncertainty] to real drifters."""
     drifters = take.drifters(given)
     with interrupt.leaving_at_once():  # nothing is written
-        case = take.case(given.case, given.changes, given.seed)
+        case = take.case(given.case, given.changes, given.seed, along=take.along(drifters["columns"]))
         from drift.drifters import fitting, fitting_text
 
         fitted = fitting.fit_errors(case, given.drifters, held_out=given.hold_out, **drifters)
@@ -181,10 +182,15 @@ def check(given: argparse.Namespace) -> Answer:
 
 
 @contextmanager
-def _started(given: argparse.Namespace, kind: str) -> Iterator[tuple[Any, Path, dict[str, Any]]]:
-    """Give the case, the folder for its results, and how to run it, showing progress meanwhile."""
+def _started(
+    given: argparse.Namespace, kind: str, along: Collection[str] = ()
+) -> Iterator[tuple[Any, Path, dict[str, Any]]]:
+    """Give the case, the folder for its results, and how to run it, showing progress meanwhile.
+
+    along: quantities that the case needs no sources of.
+    """
     with interrupt.leaving_at_once():
-        case = take.case(given.case, given.changes, given.seed)
+        case = take.case(given.case, given.changes, given.seed, along=along)
         out = given.out or Path(f"{case.path.stem}-{kind}")
         if given.threads is not None and given.threads < 1:
             raise UserError(f"--threads {given.threads} must be at least 1")

@@ -243,7 +243,7 @@ def over(case: Case, tracks: Sequence[Track]) -> Case:
             "max_lost": 1.0,
             "coast": {"source": "none"},
             "domain": box,
-            "output": {},
+            "output": {"times": ["+0 h"]},  # none is made, and a file of years has too many
             "scenario": [table],
         },
     )
@@ -254,8 +254,18 @@ def _keys() -> list[str]:
     return [quantity.key for quantity in QUANTITIES.values()]
 
 
-def check_drifting(case: Case) -> None:
-    """Raise UserError where a scenario of a case moves by another model than drift: no drifter is like it."""
+def check_case(case: Case, columns: Mapping[str, str]) -> None:
+    """Raise UserError where drifters cannot be compared with a case.
+
+    A scenario moves by another model than drift, so that no drifter is like it; or a quantity was to come from columns,
+    and `columns` does not name them.
+    """
+    for quantity, specs in case.forcing.items():
+        if f"{quantity}_east" not in columns and any(spec.name == case_file.ALONG for spec in specs):
+            raise UserError(
+                f"{case.path.name}: was loaded with along = {quantity}, and no columns of it are named; name "
+                f"{quantity}_east and {quantity}_north, or give the case a source"
+            )
     for story in case.scenarios:
         if story.model != "drift":
             raise UserError(

@@ -29,6 +29,7 @@ def numbers(result: Verification) -> dict[str, Any]:
     columns = np.searchsorted(result.hours, result.leads)
     return {
         "forecasts": result.skill.size,
+        "left_out": dict(result.left_out),
         "drifters": list(result.names),
         "skill": {**numbers_of(result.mean(result.skill)), "median": float(np.median(result.skill))},
         "leads": [
@@ -40,6 +41,8 @@ def numbers(result: Verification) -> dict[str, Any]:
                     "median": float(np.median(result.apart[:, k])),
                 },
                 "persistence_m": numbers_of(result.mean(result.waiting[:, k])),
+                "aground": numbers_of(result.mean(result.aground[:, k], share=True)),
+                "ashore": float(result.ashore[:, k].mean()),
                 "rank_along": numbers_of(result.mean(result.along[:, lead])),
                 "rank_across": numbers_of(result.mean(result.across[:, lead])),
             }
@@ -54,7 +57,7 @@ def numbers(result: Verification) -> dict[str, Any]:
 def table(result: Verification, run: str) -> str:
     """Return a row for each forecast and lead as CSV; run: the run_id, for the last column."""
     header = ["drifter", "start", "lead_h", "lon", "lat", "separation_m", "persistence_m", "way_m", "spread_m",
-              "containment", "rank_along", "rank_across", "skill", "lost", "run_id"]  # fmt: skip
+              "aground", "ashore", "containment", "rank_along", "rank_across", "skill", "lost", "run_id"]  # fmt: skip
     rows = []
     columns = np.searchsorted(result.hours, result.leads)
     for n in range(result.skill.size):
@@ -64,7 +67,7 @@ def table(result: Verification, run: str) -> str:
             start = notation.iso(np.datetime64(int(result.start[n]), "s"))
             rows.append([
                 result.names[result.drifter[n]], start, f"{result.leads[lead]:g}", f"{result.lon[n, k]:.6f}",
-                f"{result.lat[n, k]:.6f}", *metres, *shares, f"{result.skill[n]:.4f}", f"{result.lost[n]:.4f}", run,
+                f"{result.lat[n, k]:.6f}", *metres, f"{result.aground[n, k]:d}", f"{result.ashore[n, k]:.4f}", *shares, f"{result.skill[n]:.4f}", f"{result.lost[n]:.4f}", run,
             ])  # fmt: skip
     return formats.csv_text(header, rows)
 
@@ -102,6 +105,10 @@ def dataset(result: Verification) -> xr.Dataset:
             "persistence": metres(result.waiting, "distance of the start from the drifter"),
             "way": metres(result.way, "way of the drifter since the start"),
             "spread": metres(result.spread, "root mean square distance of the particles from their mean"),
+            "aground": hourly(
+                result.aground.astype(np.int8), "whether the drifter is aground: 0 afloat, 1 aground", "1"
+            ),
+            "ashore": hourly(result.ashore, "share of the probability on the map that is ashore", "1"),
             "containment": share(result.containment, "share of the smallest area that holds the drifter"),
             "rank_along": share(result.along, "share of the probability behind the drifter, along the forecast drift"),
             "rank_across": share(result.across, "share of the probability to the left of the drifter"),
@@ -117,5 +124,8 @@ def dataset(result: Verification) -> xr.Dataset:
                 {"standard_name": "time", "long_name": "time, UTC"},
             ),
         },
-        {"summary": SUMMARY, "comment": verification_text.headline(result)},
+        {
+            "summary": SUMMARY,
+            "comment": f"{verification_text.headline(result)}{verification_text.left_out(result)}",
+        },
     )  # fmt: skip

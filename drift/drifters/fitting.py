@@ -18,7 +18,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from drift.case.record import Case
-from drift.drifters import along, error_law, hold_out, reading
+from drift.drifters import along, error_law, exposed, hold_out, reading, starts
 from drift.drifters.along import Ways
 from drift.drifters.error_law import NAMES, Law, Tracks
 from drift.drifters.hold_out import Held
@@ -96,6 +96,7 @@ def fit_errors(
     columns: Mapping[str, str] | None = None,
     gap: float = drifter_records.GAP,
     fastest: float = drifter_records.FASTEST,
+    ends_aground: bool = False,
     held_out: bool = False,
     datasets: Mapping[str, Any] | None = None,
     threads: int | None = None,
@@ -106,23 +107,28 @@ def fit_errors(
 
     files: a file of tracks, or tracks. columns: {"current_east": "u", ..}: the model's values at the drifter's places,
     from columns of its file. gap: longest time between fixes [s] over which ways are compared. fastest: speed [m/s]
-    beyond which a fix is not believed. held_out: whether to fit half of the drifters, or half of the days of one, as
+    beyond which a fix is not believed. ends_aground: whether a drifter whose track ends near the shore ran aground
+    there. held_out: whether to fit half of the drifters, or half of the days of one, as
     well, and test that on the others. Raises UserError.
     """
     tell = report or (lambda phase, share: None)
     tell("read", 0.0)
-    along.check_drifting(case)
     names = dict(columns or {})
+    along.check_case(case, names)
     tracks = read(files, names)
     if not isinstance(gap, int | float) or not gap > 0:
         raise UserError(f"--max-gap {gap!r} must be above 0 s")
     believed = drifter_records.believed(tracks, fastest)
     if not believed.tracks:
         raise UserError(f"--drifters: no track is left; {'; '.join(believed.notes)}")
+    seen = exposed.exposed(starts.strand(believed, case.coast, ends_aground), case.coast, gap)
+    notes = (*believed.notes, *seen.notes)
+    if not seen.tracks:
+        raise UserError(f"--drifters: no track is left; {'; '.join(notes)}")
     runtime.start(backend, threads)
-    comparison = along.compared(case, believed.tracks, names, gap, fastest, datasets)
+    comparison = along.compared(case, seen.tracks, names, gap, fastest, datasets)
     tell("fit", 0.0)
-    return of(comparison.ways, comparison.wind, (*believed.notes, *comparison.notes), held_out=held_out)
+    return of(comparison.ways, comparison.wind, (*notes, *comparison.notes), held_out=held_out)
 
 
 def read(files: str | os.PathLike[str] | Sequence[Track], columns: Mapping[str, str]) -> Sequence[Track]:
@@ -139,9 +145,10 @@ def of(ways: Sequence[Ways], wind: bool, notes: Sequence[str] = (), *, held_out:
     """Return the fit of errors to ways; wind: whether windage is fitted too; held_out: as in `fit_errors`."""
     tracks = along.residuals(ways, wind)
     if tracks.increments < FEWEST:
+        told = f" ({'; '.join(notes)})" if notes else ""
         raise UserError(
             f"--drifters: {tracks.increments} ways between fixes are too few to fit {len(NAMES)} parameters to; "
-            f"give {FEWEST} or more"
+            f"give {FEWEST} or more{told}"
         )
     if wind and not _wind_varies(tracks):
         return of(ways, False, (*notes, ONE_WIND), held_out=held_out)

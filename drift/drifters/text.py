@@ -61,7 +61,7 @@ def facts(result: Verification) -> Facts:
     count, days = len(result.names), np.unique(result.start // verification.DAY).size
     lines = {
         "forecasts": f"{result.skill.size} of {result.hours[-1]:g} h, of {count} drifter{'s' if count > 1 else ''} "
-        f"on {days} days",
+        f"on {days} days{left_out(result)}",
         "errors": errors(result),
     }
     if doubts := doubt(result):
@@ -83,6 +83,8 @@ def facts(result: Verification) -> Facts:
         lines[f"after {hours:g} h, held"] = ", ".join(
             f"{100 * share:.0f} % area {percent(result.held(lead, share))}" for share in result.shares
         )
+        if aground := _aground(result, column):
+            lines[f"after {hours:g} h, aground"] = aground
     for name, ranks, below, above in (
         ("along", result.along, "go slower than forecast", "go faster than forecast"),
         ("across", result.across, "go to the left of the forecasts", "go to the right of the forecasts"),
@@ -97,6 +99,26 @@ def facts(result: Verification) -> Facts:
     lines |= {f"note {k}": note for k, note in enumerate(result.notes, 1)}
     lines["in short"] = headline(result)
     return lines
+
+
+def _aground(result: Verification, column: int) -> str:
+    """Return which share of the drifters is aground, beside that of the particles.
+
+    column: the number of the time. "" where no drifter ever is, and where particles refloat: a spell of a drifter that
+    is shorter than the shortest is not known.
+    """
+    if not result.aground.any() or result.case.coast.behaviour != "strand":
+        return ""
+    drifters = result.mean(result.aground[:, column], share=True)
+    return f"{percent(drifters)} of the drifters; {100 * float(result.ashore[:, column].mean()):.0f} % of the particles"
+
+
+def left_out(result: Verification) -> str:
+    """Return how many starts were left out, by reason, as text that follows the number of forecasts."""
+    if not result.left_out:
+        return ""
+    reasons = ", ".join(f"{count:,} {reason}" for reason, count in result.left_out.items())
+    return f"; {sum(result.left_out.values()):,} starts left out: {reasons}"
 
 
 def _rms(values: np.ndarray) -> float:

@@ -1,8 +1,9 @@
 """Forecasts of where real drifters went, and how well they did: `drift verify`.
 
 Each drifter is forecast again and again from where it was, with the case's forcing, errors and object. The forecasts
-are compared with where it was later: distances, the share of positions that the areas held, ranks. Forecasts of one
-drifter, and of one day, are not independent: standard errors are clustered by both.
+are compared with where it was later: distances, the share of positions that the areas held, ranks. A drifter that ran
+aground is scored where it lies, among particles of which some have come ashore too (drift.drifters.starts). Forecasts
+of one drifter, and of one day, are not independent: standard errors are clustered by both.
 """
 
 import os
@@ -17,11 +18,12 @@ from drift import many
 from drift.case import file as case_file
 from drift.case import uncertainty
 from drift.case.record import Case
-from drift.drifters import along, fitting, scores
+from drift.drifters import along, fitting, scores, starts
+from drift.drifters.starts import Start, Stranded
 from drift.job import in_turn
 from drift.motion.forcing_error import NOWHERE, ForcingError
 from drift.output import writer
-from drift.particles.status import on_map
+from drift.particles.status import Status, on_map
 from drift.tracks import clusters
 from drift.tracks import records as drifter_records
 from drift.tracks.clusters import Estimate
@@ -51,7 +53,8 @@ class Verification:
 
     There are areas and ranks at those of the times that are `leads`. hours: (m,) after the start. apart, waiting, way,
     spread: (n, m) [m]: distance of the drifter from the mean position, and from the start (persistence); path length of
-    the drifter since the start; root mean square of the particles' distances from their mean. containment, along,
+    the drifter since the start; root mean square of the particles' distances from their mean. aground: (n, m) whether
+    the drifter is aground; ashore: (n, m) share of the probability on the map that is ashore. containment, along,
     across: (n, leads) ranks of the drifter, 0 to 1.
     """
 
@@ -67,6 +70,8 @@ class Verification:
     waiting: Array
     way: Array
     spread: Array
+    aground: Array
+    ashore: Array
     leads: Array  # [h]
     containment: Array
     along: Array
@@ -75,6 +80,7 @@ class Verification:
     lost: Array  # (n,) share of the probability that is on no map at the end
     error: float  # [m] of the starts
     notes: tuple[str, ...]
+    left_out: Mapping[str, int]  # number of starts that were left out, by reason
 
     @property
     def shares(self) -> tuple[float, ...]:
@@ -102,6 +108,8 @@ class _Scores:
     waiting: Array
     way: Array
     spread: Array
+    aground: Array
+    ashore: Array
     containment: Array
     along: Array
     across: Array
@@ -121,6 +129,7 @@ def verify(
     columns: Mapping[str, str] | None = None,
     gap: float = drifter_records.GAP,
     fastest: float = drifter_records.FASTEST,
+    ends_aground: bool = False,
     particles: int = PARTICLES,
     datasets: Mapping[str, Any] | None = None,
     threads: int | None = None,
@@ -134,6 +143,7 @@ def verify(
     length of a forecast; error: radius [m] that holds half of the starts' errors. columns: {"current_east": "u", ..}:
     the model's values at the drifter's place, from columns of its file, which are then used everywhere about it. gap:
     longest time between fixes [s] that a forecast may span; fastest: speed [m/s] beyond which a fix is not believed.
+    ends_aground: whether a drifter whose track ends near the shore ran aground there, and is scored there until the end.
     Raises UserError.
     """
     from drift.drifters import chapter  # here: it knows what a verification is
@@ -142,24 +152,29 @@ def verify(
     if target is not None:
         writer.check_folder(target, overwrite, (*chapter.FILES, *chapter.PICTURES))
     _check(every, hours, error, gap, particles)
-    along.check_drifting(case)
     names = dict(columns or {})
+    along.check_case(case, names)
     believed = drifter_records.believed(fitting.read(files, names), fastest)
     notes = list(believed.notes)
-    starts = _known_starts(believed.tracks, every, hours, gap, fastest, notes)
+    stranded = starts.strand(believed, case.coast, ends_aground)
+    known, left_out = starts.known_starts(stranded, case.coast, every, hours * 3600, gap, fastest, notes)
     case, times = _with_errors(case, names), _times(hours)
     cases = {
-        (track, start): _case(case, believed.tracks[track], start, times, error, particles, names, number)
-        for number, (track, start) in enumerate(starts)
+        start: _case(case, stranded.tracks[start.track], start.time, times, error, particles, names, number)
+        for number, start in enumerate(known)
     }
     kept = {start: own for start, own in cases.items() if own is not None}
     if len(kept) < len(cases):
+        left_out["columns without a value"] = len(cases) - len(kept)
         notes.append(f"{len(cases) - len(kept)} starts left out: the columns named have no value at the drifter")
     if not kept:
         raise UserError("--columns: the columns named have no value at any drifter")
     forecasts = many.run_many(list(kept.values()), datasets=datasets, threads=threads, backend=backend, report=report)
-    rows, refused = _scored(forecasts, list(kept), believed.tracks, times)
-    result = _joined(case, believed.tracks, rows, times, error, (*notes, *_lost_notes(case, rows, refused)))
+    rows, refused = _scored(forecasts, list(kept), stranded, times)
+    notes += [*_aground_notes(rows, stranded), *_lost_notes(case, rows, refused)]
+    if refused:
+        left_out["refused"] = len(refused)
+    result = _joined(case, stranded.tracks, rows, times, error, tuple(notes), left_out)
     if target is not None:
         (report or (lambda phase, share: None))("write", 0.0)
         writer.write(target, [chapter.chapter(result)], overwrite=overwrite)
@@ -194,44 +209,6 @@ def _times(hours: float) -> Array:
     """Return hours after the start at which a forecast is scored: every three, the leads, and the end."""
     step = POINT / 3600
     return np.unique(np.concatenate([np.arange(step, hours + 1e-9, step), [t for t in LEADS if t < hours], [hours]]))
-
-
-def _known_starts(
-    tracks: Sequence[Track], every: float, hours: float, gap: float, fastest: float, notes: list[str]
-) -> list[tuple[int, int]]:
-    """Return (number of the track, start [s since 1970]) of all forecasts, and add a note on those left out.
-
-    Raises UserError where no start is left.
-    """
-    starts, silent = _starts(tracks, every, hours * 3600, gap, fastest)
-    if silent:
-        notes.append(
-            f"{silent} starts left out: the drifter is silent for more than {gap / 3600:.3g} h, or leaps, "
-            "before the end"
-        )
-    if not starts:
-        raise UserError(
-            f"--drifters: no drifter can be followed for {hours:g} h without a gap of more than {gap / 3600:.3g} h "
-            f"({'; '.join(notes) or 'their tracks are shorter'}); give fewer --hours, or a longer --max-gap"
-        )
-    return starts
-
-
-def _starts(
-    tracks: Sequence[Track], every: float, length: float, gap: float, fastest: float
-) -> tuple[list[tuple[int, int]], int]:
-    """Return (number of the track, start [s since 1970]) of all forecasts, and how many were left out for gaps."""
-    starts, silent = [], 0
-    for number, track in enumerate(tracks):
-        fresh = drifter_records.breaks(track, gap, fastest)
-        for start in np.arange(np.ceil(track.time[0]), track.time[-1] - length + 1e-6, every):
-            first = int(np.searchsorted(track.time, start, "right")) - 1
-            last = int(np.searchsorted(track.time, start + length, "left"))
-            if fresh[first + 1 : last + 1].any():
-                silent += 1
-            else:
-                starts.append((number, int(start)))
-    return starts, silent
 
 
 def _case(
@@ -306,43 +283,44 @@ def _leads(times: Array) -> Array:
 
 
 def _scored(
-    forecasts: Iterable[many.Brief], starts: Sequence[tuple[int, int]], tracks: Sequence[Track], times: Array
+    forecasts: Iterable[many.Brief], known: Sequence[Start], stranded: Stranded, times: Array
 ) -> tuple[list[_Scores], list[str]]:
     """Return the scores of forecasts, and for each that was refused why; raise UserError where all were.
 
-    starts: (number of the track, start [s since 1970]) of each forecast; times: hours at which it is scored.
+    known: the start of each forecast; times: hours at which it is scored.
     """
     rows: list[_Scores] = []
     refused: list[str] = []
-    for (number, start), forecast in zip(starts, forecasts, strict=True):
-        name = f"{tracks[number].name} {np.datetime64(start, 's')}Z"
+    for start, forecast in zip(known, forecasts, strict=True):
+        name = f"{stranded.tracks[start.track].name} {np.datetime64(start.time, 's')}Z"
         if forecast.error is not None:
             refused.append(f"{name}: {forecast.error.lines[0]}")
         elif not (forecast.probability * on_map(forecast.status)).sum(axis=1).min() > 0:
             refused.append(f"{name}: all of its probability left the forcing or the domain")
         else:
-            rows.append(_score(forecast, tracks[number], number, start, times))
+            rows.append(_score(forecast, stranded, start, times))
     if not rows:
         raise UserError(f"--drifters: all {len(refused)} forecasts were refused; the first: {refused[0]}")
     return rows, refused
 
 
-def _score(forecast: many.Brief, track: Track, number: int, start: int, times: Array) -> _Scores:
-    """Return the scores of one forecast of the drifter with a number."""
+def _score(forecast: many.Brief, stranded: Stranded, start: Start, times: Array) -> _Scores:
+    """Return the scores of one forecast."""
     leads = np.searchsorted(times, _leads(times))
-    begin = [float(x) for x in track.at(start)]
-    lon, lat = track.at(start + times * 3600)
+    begin = [float(x) for x in stranded.tracks[start.track].at(start.time)]
+    lon, lat, aground = stranded.position(start, start.time + times * 3600)
     offset = forecast.lon.shape[0] - times.size  # outputs begin with the start where the case asks for that
     path = np.radians([np.append(begin[0], lon), np.append(begin[1], lat)])
     way = np.cumsum(sphere.distance(path[0, :-1], path[1, :-1], path[0, 1:], path[1, 1:]))
     mean = np.radians(forecast.mean[offset:])
     apart = sphere.distance(mean[:, 0], mean[:, 1], path[0, 1:], path[1, 1:])
     waiting = sphere.distance(path[0, 0], path[1, 0], path[0, 1:], path[1, 1:])
-    spread, ranks = np.empty(times.size), np.empty((3, leads.size))
+    spread, ashore, ranks = np.empty(times.size), np.empty(times.size), np.empty((3, leads.size))
     for k in range(times.size):
         row = k + offset
         mapped = on_map(forecast.status[row])
         weight = forecast.probability[row][mapped]
+        ashore[k] = weight[forecast.status[row][mapped] == Status.ASHORE].sum() / weight.sum()
         x, y = scores.relative_to(lon[k], lat[k], forecast.lon[row][mapped], forecast.lat[row][mapped])
         middle = np.average(x, weights=weight), np.average(y, weights=weight)
         spread[k] = np.sqrt(np.average((x - middle[0]) ** 2 + (y - middle[1]) ** 2, weights=weight))
@@ -357,20 +335,37 @@ def _score(forecast: many.Brief, track: Track, number: int, start: int, times: A
             )
     regular = np.isclose(times % (POINT / 3600), 0.0)
     return _Scores(
-        track=number,
-        start=start,
+        track=start.track,
+        start=start.time,
         lon=lon,
         lat=lat,
         apart=apart,
         waiting=waiting,
         way=way,
         spread=spread,
+        aground=aground,
+        ashore=ashore,
         containment=ranks[0],
         along=ranks[1],
         across=ranks[2],
         skill=scores.skill(apart[regular], way[regular]) if regular.any() else scores.skill(apart, way),
         lost=1.0 - float(forecast.probability[-1][on_map(forecast.status[-1])].sum()),
     )
+
+
+def _aground_notes(rows: Sequence[_Scores], stranded: Stranded) -> Iterator[str]:
+    """Give notes on forecasts whose drifters ran aground: what counts as that, and that others were still afloat."""
+    if count := sum(bool(row.aground.any()) for row in rows):
+        drifters = sorted({row.track for row in rows if row.aground.any()})
+        words = drifter_records.words_for_spells(
+            [stranded.tracks[k] for k in drifters], [stranded.ashore[k] for k in drifters]
+        )
+        yield f"{count} forecasts whose drifters run aground, scored where they lie, as particles ashore are: {words}"
+        if len(rows) > len({row.track for row in rows}):
+            yield (
+                "starts after a drifter's first are of drifters still afloat, whose errors lead off the shore more often than "
+                "the particles'; --every longer than the tracks starts each once"
+            )
 
 
 def _lost_notes(case: Case, rows: Sequence[_Scores], refused: Sequence[str]) -> Iterator[str]:
@@ -385,7 +380,13 @@ def _lost_notes(case: Case, rows: Sequence[_Scores], refused: Sequence[str]) -> 
 
 
 def _joined(
-    case: Case, tracks: Sequence[Track], rows: Sequence[_Scores], times: Array, error: float, notes: tuple[str, ...]
+    case: Case,
+    tracks: Sequence[Track],
+    rows: Sequence[_Scores],
+    times: Array,
+    error: float,
+    notes: tuple[str, ...],
+    left_out: Mapping[str, int],
 ) -> Verification:
     """Return the verification of all forecasts, whose scores are the rows."""
     columns = {field.name: np.array([getattr(row, field.name) for row in rows]) for field in fields(_Scores)}
@@ -401,5 +402,6 @@ def _joined(
         leads=_leads(times),
         error=error,
         notes=notes,
+        left_out=left_out,
         **columns,
     )

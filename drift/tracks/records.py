@@ -17,6 +17,8 @@ FASTEST = 3.0  # [m/s] nothing drifts faster for long
 JUMP = 500.0  # [m] that two fixes may be farther apart than at that speed, because positions have errors too
 GAP = 3 * 3600.0  # [s] after a longer silence a drifter's displacement is not known well enough
 AGROUND, STILL = 12 * 3600.0, 200.0  # [s], [m]: a drifter that stays so long in a circle of this radius is aground
+BRIEF = 3 * 3600.0  # [s] the same, beside a shore; in open water it may be slack water
+FEWEST = 3  # fixes of a spell
 
 
 @dataclass(frozen=True)
@@ -55,10 +57,14 @@ class Track:
 
 @dataclass(frozen=True)
 class Believed:
-    """Tracks with only believable fixes, and notes on what was left out."""
+    """Tracks with only believable fixes, and notes on what was left out.
+
+    aground: of each track, which of its fixes belong to a spell aground, (n,).
+    """
 
     tracks: tuple[Track, ...]
     notes: tuple[str, ...]
+    aground: tuple[Array, ...]
 
 
 def selected(track: Track, keep: Array) -> Track:
@@ -67,10 +73,14 @@ def selected(track: Track, keep: Array) -> Track:
     return replace(track, time=track.time[keep], lon=track.lon[keep], lat=track.lat[keep], columns=columns)
 
 
-def aground(track: Track) -> Array:
-    """Return which fixes belong to a spell of AGROUND or longer at one place, shape (n,)."""
+def aground(track: Track, least: float = AGROUND) -> Array:
+    """Return which fixes belong to a spell at one place, (n,), of FEWEST fixes or more.
+
+    least: shortest time of a spell [s].
+    """
     lon, lat = np.radians(track.lon), np.radians(track.lat)
-    later = np.searchsorted(track.time, track.time + AGROUND)
+    later = np.searchsorted(track.time, track.time + least)
+    later = np.maximum(later, np.arange(track.time.size) + FEWEST - 1)
     complete = np.flatnonzero(later < track.time.size)
     near = sphere.distance(lon[complete], lat[complete], lon[later[complete]], lat[later[complete]]) <= 2 * STILL
     inside = np.zeros(track.time.size, bool)
@@ -90,12 +100,12 @@ def nowhere(track: Track) -> Array:
 def believed(
     tracks: Sequence[Track], fastest: float = FASTEST, spells_aground: Callable[[Track], Array] = aground
 ) -> Believed:
-    """Return tracks in order of time without fixes that cannot be true, and without spells aground.
+    """Return tracks in order of time without fixes that cannot be true.
 
     fastest: speed [m/s] that no fix may need. spells_aground: says which fixes of a track are aground, (n,).
     """
-    counts = dict.fromkeys(("impossible", "repeated", "other", "fast", "aground"), 0)
-    sound_tracks, spells, too_short = [], [], []
+    counts = dict.fromkeys(("impossible", "repeated", "other", "fast"), 0)
+    sound_tracks, too_short = [], []
     for track in tracks:
         possible = np.isfinite(track.time) & (np.abs(track.lat) <= 90) & (track.lon >= -180) & (track.lon <= 360)
         counts["impossible"] += int((~possible).sum())
@@ -111,12 +121,6 @@ def believed(
         reachable = _reachable(kept, fastest)
         counts["fast"] += int((~reachable).sum())
         kept = selected(kept, reachable)
-        resting = spells_aground(kept)
-        if resting.any():
-            counts["aground"] += int(resting.sum())
-            since = np.datetime64(int(kept.time[np.flatnonzero(resting)[0]]), "s")
-            spells.append(f"{track.name} from {since}Z")
-            kept = selected(kept, ~resting)
         if kept.time.size > 1:
             sound_tracks.append(kept)
         else:
@@ -126,13 +130,43 @@ def believed(
         "repeated": "that repeat the one before",
         "other": "at another place at the time of the one before",
         "fast": f"that need more than {fastest:g} m/s to be reached and left",
-        "aground": f"aground, of spells of {AGROUND / 3600:g} h or more within {STILL:g} m: {_listed(spells)}",
     }
     notes = [f"{count:,} fixes left out {reasons[kind]}" for kind, count in counts.items() if count]
-    if too_short:
-        many = f"{len(too_short)} tracks" if len(too_short) > 1 else "1 track"
-        notes.append(f"{many} left out with fewer than two fixes: {_listed(too_short)}")
-    return Believed(tuple(sound_tracks), tuple(notes))
+    notes += _note_on_short(too_short)
+    return Believed(tuple(sound_tracks), tuple(notes), tuple(spells_aground(track) for track in sound_tracks))
+
+
+def _note_on_short(names: Sequence[str]) -> list[str]:
+    """Return the note on the tracks of these names, which are too short; [] where there are none."""
+    if not names:
+        return []
+    many = f"{len(names)} tracks" if len(names) > 1 else "1 track"
+    return [f"{many} left out with fewer than two fixes: {_listed(names)}"]
+
+
+def spells(track: Track, aground: Array) -> list[slice]:
+    """Return the spells aground of a track, as slices of its fixes.
+
+    aground: which of its fixes belong to one, (n,). What lies farther from the fix before than a spell is wide begins
+    another spell.
+    """
+    lon, lat = np.radians(track.lon), np.radians(track.lat)
+    moved = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) > 2 * STILL
+    joined = aground[:-1] & aground[1:] & ~moved
+    begins = aground & ~np.append(False, joined)
+    ends = aground & ~np.append(joined, False)
+    pairs = zip(np.flatnonzero(begins).tolist(), np.flatnonzero(ends).tolist(), strict=True)
+    return [slice(begin, end + 1) for begin, end in pairs]
+
+
+def words_for_spells(tracks: Sequence[Track], aground: Sequence[Array]) -> str:
+    """Return what counts as a spell aground, and since when the first few drifters were; "" where none was."""
+    pairs = zip(tracks, aground, strict=True)
+    firsts = [(track, int(np.argmax(mask))) for track, mask in pairs if mask.any()]
+    if not firsts:
+        return ""
+    names = [f"{track.name} from {np.datetime64(int(track.time[first]), 's')}Z" for track, first in firsts]
+    return f"spells of {AGROUND / 3600:g} h or more within {STILL:g} m, of {BRIEF / 3600:g} h beside a shore: {_listed(names)}"
 
 
 def _listed(names: Sequence[str]) -> str:

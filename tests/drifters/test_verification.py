@@ -13,10 +13,11 @@ from scipy import stats
 import drift
 from drift.cli import commands
 from drift.drifters import chapter as verification_chapter
-from drift.drifters import reading, scores, verification
+from drift.drifters import grounding, reading, scores, starts, verification
 from drift.drifters import text as verification_text
+from drift.environment.environment_spec import Coast
 from drift.tracks import records as drifter_records
-from drift.tracks.records import Track
+from drift.tracks.records import Believed, Track
 from geo.errors import UserError
 
 RADIUS = 6_371_008.8  # [m] of the sphere
@@ -404,11 +405,12 @@ def test_every_layout_of_trajectories_gives_the_same_tracks(tmp_path):
 def test_the_buoy_that_stranded_on_hopen_is_aground_from_then_on(data):
     """UIB-2022-TILL-01 stranded on 2022-10-18 about 20:30 UTC, as its owners say; the other drifted on."""
     found = drifter_records.believed(reading.read(data / "barents" / "barents.nc"))
-    told = "; ".join(found.notes)
+    told = drifter_records.words_for_spells(found.tracks, found.aground)
     assert "UIB-2022-TILL-01 from 2022-10-18T20:" in told
     assert "TILL-02" not in told
     late = found.tracks[0].time > np.datetime64("2022-10-18T21:00", "s").astype(int)
-    assert (found.tracks[0].time[late] > np.datetime64("2022-11-01", "s").astype(int)).all()
+    afloat = found.tracks[0].time[late & ~found.aground[0]]
+    assert (afloat > np.datetime64("2022-11-01", "s").astype(int)).all()
 
 
 def test_the_command_writes_results_that_are_whole(tmp_path, capsys):
@@ -462,10 +464,98 @@ def test_no_forecast_begins_ends_or_passes_in_a_silence():
     """Hourly fixes from 0 to 3 h and from 9 to 40 h, and one at 50 h: only what stays within 9 to 40 h is forecast."""
     hours = np.array([0, 1, 2, 3, *range(9, 41), 50.0])
     track = Track("a", 1.6e9 + 3600 * hours, 0.001 * hours, 45.0 + 0.001 * hours)
-    for length, begins, silent in ((24, [12], 4), (6, [12, 18, 24, 30], 4), (1, [0, 12, 18, 24, 30, 36], 3)):
-        starts, left_out = verification._starts([track], 6 * 3600.0, length * 3600.0, 3 * 3600.0, 3.0)
-        assert [(who, (start - 1.6e9) / 3600) for who, start in starts] == [(0, begin) for begin in begins]
-        assert left_out == silent
+    stranded = starts.strand(Believed((track,), (), (np.zeros(37, bool),)), Coast("none", "strand"))
+    for length, begins, silent, ended in (
+        (24, [12], 8, 0),
+        (6, [12, 18, 24, 30], 5, 0),
+        (1, [0, 12, 18, 24, 30, 36], 3, 0),
+    ):
+        found, left, _ = starts.starts(stranded, 6 * 3600.0, length * 3600.0, 3 * 3600.0, 3.0)
+        assert [(one.track, (one.time - 1.6e9) / 3600, one.until) for one in found] == [(0, x, np.inf) for x in begins]
+        assert (left.gap, left.ended, left.aground, left.stopped) == (silent, ended, 0, 0)
+
+
+SQUARE = """{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {}, "geometry": {"type": "Polygon",
+"coordinates": [[[-48, 40.2], [-32, 40.2], [-32, 44], [-48, 44], [-48, 40.2]]]}}]}"""
+
+
+def test_what_becomes_of_a_drifter_that_stops(tmp_path):
+    """Hourly fixes at 39.9 N to 40.2 N, where the land begins, by 10 h; then still. What follows differs."""
+    (tmp_path / "land.geojson").write_text(SQUARE)
+    shore = Coast(str(tmp_path / "land.geojson"), "strand")
+    hour, begin = 3600.0, 1.6e9
+
+    def track(name, hours, aground, lat=40.2):
+        """Fixes at these hours: northward up to lat at 10 h, there until `aground`, then back southward."""
+        back = 0.03 * (np.maximum(10 - hours, 0) + np.maximum(hours - aground, 0))
+        return Track(name, begin + hour * hours, np.full(hours.size, -40.0), lat - back)
+
+    to_the_end = track("a", np.arange(60.0), 60)
+    silent_there = track("b", np.arange(30.0), 30)
+    refloats = track("c", np.arange(60.0), 29)
+    moored = track("d", np.arange(60.0), 60, lat=39.9)  # 33 km off
+    carried = track("e", np.append(np.arange(30.0), np.arange(90.0, 99.0)), 30)
+    ends_off = track("f", np.arange(10.0), 10)  # its last fix is 3.3 km off
+    tracks = [to_the_end, silent_there, refloats, moored, carried, ends_off]
+    believed = drifter_records.believed(tracks)
+    assert [int(mask.sum()) for mask in believed.aground] == [50, 20, 20, 50, 20, 0]
+    settings = 5 * hour, 24 * hour, 3 * hour, 3.0  # starts at 0, 5, 10 .. h
+    stranded = starts.strand(believed, shore)
+    found, left, early = starts.starts(stranded, *settings)
+    hours_of = {name: [] for name in "abcdef"}
+    for one in found:
+        hours_of[tracks[one.track].name].append(((one.time - begin) / hour, (one.until - begin) / hour))
+    seen = [(0.0, np.inf), (5.0, np.inf)]
+    assert hours_of["a"] == seen
+    assert hours_of["b"] == [(0.0, np.inf), (5.0, np.inf)]  # 29 h is the last fix and the end of the second
+    assert hours_of["c"] == [*seen, (30.0, np.inf), (35.0, np.inf)]
+    assert hours_of["d"] == []
+    assert hours_of["e"] == seen
+    assert hours_of["f"] == []
+    assert (left.aground, left.stopped, left.gap) == (10 + 4 + 4 + 16, 12, 0)  # e is aground until it is seen again
+    # c from 40 h on (4 starts), d never, e from 90 h on (2), f both
+    assert left.ended == len(early) == 4 + 2 + 2
+    lon, lat, aground = stranded.position(starts.Start(1, int(begin)), begin + hour * np.array([9.0, 9.5, 11.0, 29.0]))
+    assert aground.tolist() == [False, False, True, True]
+    assert lat == pytest.approx([40.17, 40.185, 40.2, 40.2], abs=1e-4)
+    late = starts.starts(stranded, 5 * hour, 40 * hour, 3 * hour, 3.0)[0]
+    assert [one.until for one in late if one.track in (1, 4)] == [begin + 29 * hour] * 4  # held to the end
+    lon, lat, aground = stranded.position(late[2], begin + hour * np.array([40.0, 44.0]))
+    assert np.stack([lon, lat, aground]) == pytest.approx(np.array([[-40.0] * 2, [40.2] * 2, [1.0] * 2]))
+    notes = []
+    _, counts = starts.known_starts(stranded, shore, *settings, notes)
+    assert counts == {"aground at the start": 34, "track ends too early": left.ended, "stopped off any shore": 12}
+    assert any(f"{left.ended} starts left out: the drifter's track ends before the forecast does, 2 of them" in note
+               for note in notes)  # fmt: skip
+    # As its note says, what ends near the shore may be counted as aground there.
+    ashore = starts.strand(believed, shore, ends_aground=True)
+    held, rest, _ = starts.starts(ashore, *settings)
+    assert rest.ended == left.ended - 2  # c and e end far off
+    assert [one.until for one in held if one.track == 5] == [begin + 9 * hour] * 2
+    # Still for 4 h on the shore is aground, and not 4 h in slack water farther off.
+    spell = np.append(np.arange(10.0), np.arange(10.0, 30.0))
+    for lat, times in ((40.2, 5), (40.15, 0)):
+        (mask,) = starts.strand(drifter_records.believed([track("g", spell, 14, lat)]), shore).ashore
+        assert (np.flatnonzero(mask).tolist(), mask.sum()) == (list(range(10, 15))[:times], times)
+    with pytest.raises(UserError, match="no drifter can be followed"):
+        starts.known_starts(starts.strand(Believed((), (), ()), shore), shore, *settings, [])
+    without = starts.strand(believed, Coast("none", "strand"))
+    assert not any(mask.any() for mask in without.ashore)
+    assert {one.track for one in starts.starts(without, *settings)[0]} == {2}  # from 30 h on
+
+
+def test_distances_off_a_shore(tmp_path):
+    """Off a meridian and a parallel, and over the corner, by the sphere's radius; across the antimeridian too."""
+    (tmp_path / "land.geojson").write_text(SQUARE.replace("-48", "176").replace("-32", "184"))
+    shore = Coast(str(tmp_path / "land.geojson"), "strand")
+    lon = np.array([180.0, -178.0, -175.97, 175.97, 178.0, 170.0])
+    lat = np.array([40.17, 40.15, 42.0, 40.17, 41.0, 41.0])
+    found = grounding.off_shore(shore, lon, lat, 6000.0)
+    degree = np.radians(1.0) * RADIUS
+    squeeze = math.cos(math.radians(42.0)), math.cos(math.radians(40.185))
+    expected = [0.03 * degree, 0.05 * degree, 0.03 * degree * squeeze[0], 0.03 * degree * math.hypot(1, squeeze[1])]
+    assert found[:4] == pytest.approx(expected, rel=0.02)
+    assert found[4:].tolist() == [0.0, np.inf]
 
 
 def test_forecasts_that_overlap_share_a_cluster_but_no_random_number(tmp_path):
@@ -492,3 +582,37 @@ def test_skill_of_liu_and_weisberg():
     """1 - (sum of separations / sum of ways so far), by hand; never below 0."""
     assert scores.skill(np.array([1.0, 3.0, 2.0]), np.array([4.0, 6.0, 10.0])) == pytest.approx(0.7)
     assert scores.skill(np.array([10.0, 30.0, 2.0]), np.array([4.0, 6.0, 10.0])) == 0
+
+
+def test_columns_stand_for_forcing_that_the_case_does_not_have(tmp_path, capsys):
+    """The same forecasts as beside a constant that is not used; for the object's wind too."""
+    text = CASE.format(std=0.26, time=7.0, diffusivity=25.0, east=EAST, north=NORTH)
+    text = text.replace('object = "water"', 'object = { windage = "2 %" }')
+    wind = "wind = [{ constant = { east = 1, north = 0 } }]\n"
+    (tmp_path / "whole.toml").write_text(text.replace("[uncertainty]", f"{wind}[uncertainty]"))
+    line = next(line for line in text.splitlines() if line.startswith("current = [{"))
+    (tmp_path / "bare.toml").write_text(text.replace(line, ""))
+    track = simulated(1, 9, hours=30)[0]
+    rows = ["id,time,lon,lat,u,v,a,b"]
+    rows += [
+        f"9,{np.datetime64(int(t), 's')}Z,{x},{y},0.2,{0.1 * math.sin(k)},{3 * math.cos(k)},-4"
+        for k, (t, x, y) in enumerate(zip(track.time, track.lon, track.lat, strict=True))
+    ]
+    (tmp_path / "buoy.csv").write_text("\n".join(rows))
+    columns = "current_east=u,current_north=v,wind_east=a,wind_north=b"
+    whole = drift.verify(
+        drift.load(tmp_path / "whole.toml"), tmp_path / "buoy.csv", columns=reading.mapped(columns), particles=500
+    )
+    told = ["verify", str(tmp_path / "bare.toml"), "--drifters", str(tmp_path / "buoy.csv"), "--particles", "500"]
+    assert commands.main([*told, "--columns", columns, "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    listed = list(csv.DictReader((tmp_path / "out" / "verify.csv").read_text().splitlines()))
+    assert [float(row["containment"]) for row in listed] == whole.containment.ravel().round(4).tolist()
+    assert [float(row["spread_m"]) for row in listed] == whole.spread[:, [1, 3, 7]].ravel().round(1).tolist()
+    fit = ["fit-errors", str(tmp_path / "bare.toml"), "--drifters", str(tmp_path / "buoy.csv")]
+    assert commands.main([*fit, "--columns", columns.replace("=u,", "=x,")]) == 2
+    assert 'no column "x"; its columns are id, time, lon, lat, u, v, a, b' in capsys.readouterr().err
+    assert commands.main([*fit, "--columns", "wind_east=a,wind_north=b"]) == 2  # nothing gives a current
+    assert "has no current" in capsys.readouterr().err
+    loaded = drift.load(tmp_path / "bare.toml", along=["current", "wind"])
+    with pytest.raises(UserError, match="loaded with along = current, and no columns of it are named"):
+        drift.verify(loaded, [track])
