@@ -28,6 +28,7 @@ def trial(number: int, name: str, make: Callable[[], str]) -> None:
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always")
         warnings.simplefilter("ignore", DeprecationWarning)
+        warnings.simplefilter("ignore", PendingDeprecationWarning)
         try:
             told = make()
         except UserError as error:

@@ -21,3 +21,21 @@ class Box:
             return Box(-180.0, south, 180.0, north)
         west = sphere.wrap_degrees(self.west - degrees_lon)
         return Box(west, south, west + self.east - self.west + 2 * degrees_lon, north)
+
+
+def between(west: float, south: float, east: float, north: float) -> Box:
+    """Return the box from a western edge eastward to an eastern one [deg], which may count on beyond 180.
+
+    Edges of one longitude, or a turn apart, go round the whole Earth. Raises ValueError where east is less than west, so
+    that the box lies across the antimeridian, and is wider than half the Earth: then the two are most likely swapped, or
+    a sign is lost.
+    """
+    width = 360.0 if east - west >= 360 else (east - west) % 360 or 360.0
+    start, left = float(sphere.wrap_degrees(west)), float(sphere.wrap_degrees(east))
+    if east < west and 180 < width < 360:
+        raise ValueError(
+            f"west {west:g} to east {east:g} goes {width:g} degrees round the Earth, the long way; write west {left:g} and "
+            f"east {left + 360 - width:g} for the {360 - width:g} degrees between them, or west {start:g} and east "
+            f"{start + width:g} if you mean the long way"
+        )
+    return Box(start, south, start + width, north)

@@ -93,7 +93,8 @@ WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapt
     },
     "docs/fetch.md": {fetching.TABLES, "manifest.json"},
     "docs/verify.md": {*drifters_chapter.FILES, *drifters_chapter.PICTURES},
-    "docs/formats.md": {"forecast.kml", "forecast.gpx"},  # of exports
+    "docs/formats.md": {"forecast.kml", "forecast.gpx", "stretches.gpx", "patrols.gpx", "areas.geojson", "positions.geojson"}
+    | {"origin.kml", "origin.gpx"},  # of exports
 }  # fmt: skip
 
 

@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from drift.backtrack import backward, report
+from drift.backtrack import backward, outlines, report, text
 from drift.backtrack.backward import Origin
 from drift.maps.imprint import Setting
 from drift.maps.marks import Mark
-from drift.output import formats
 from drift.output.chapter import Chapter, Contents, Stamped, bound
 from drift.spill.records import Find
 from geo import notation
@@ -26,8 +25,7 @@ class Matter:
 
 
 def _table(matter: Matter, stamped: Stamped) -> str:
-    row = backward.summary(matter.origin)
-    return formats.csv_text([*row, "run_id"], [[*row.values(), stamped["run_id"]]])
+    return text.csv(backward.summary(matter.origin), stamped["run_id"])
 
 
 def _picture(matter: Matter, path: Path) -> None:
@@ -47,6 +45,7 @@ def _marks(matter: Matter) -> list[Mark]:
 FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
     "origin.nc": lambda matter, stamped: backward.dataset(matter.origin),
     "origin.csv": _table,
+    "origin.geojson": lambda matter, stamped: outlines.collection(matter.origin, _marks(matter), stamped),
 }
 PICTURES: dict[str, Callable[[Matter, Path], None]] = {
     "origin.png": _picture,

@@ -4,13 +4,11 @@ Both show the posterior. Dark is more, lines differ by their dashes and bars by 
 Land comes from the polygons handed in; nothing is downloaded.
 """
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import contourpy
 import numpy as np
 import shapely
 from matplotlib.axes import Axes
@@ -20,9 +18,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from drift.backtrack import backward
+from drift.backtrack import backward, outlines, text
 from drift.backtrack.backward import Origin
-from drift.forecast import areas, density, effective, layers, mapped
+from drift.forecast import effective, layers, mapped
 from drift.maps import chart, labels, page, sheet
 from drift.maps.chart import GREY, INK, Frame
 from drift.maps.imprint import Imprint, Setting
@@ -30,7 +28,6 @@ from drift.maps.marks import Mark
 from drift.maps.sheet import Badge, Page, Row, Sheet
 from geo import notation
 from geo.array import Array
-from geo.notation import NMI
 
 CAVEAT = (
     "Backward: proposes where to look; objects not found are left out. "
@@ -39,7 +36,6 @@ CAVEAT = (
 LINES = layers.lines((0.5, 0.9))
 PRIOR: dict[str, Any] = {"color": layers.PRIOR_COLOURS[0], "linewidth": 1.6, "linestyle": layers.PRIOR_DASHES[0]}
 ALLOWED = 0.01  # share of the prior's largest density; cells of less hold too few draws to draw a line by
-FLOOR = float(np.exp(-4.0))  # share of a line's density below which all counts as this, to keep lines near
 ROW = 0.032  # height of a row of warnings over the map, as a share of the page
 BY_FINDS: dict[str, Any] = {"facecolor": "#2b2b35", "edgecolor": INK, "linewidth": 0.8}
 BY_PRIOR: dict[str, Any] = {"facecolor": "#f2efe6", "edgecolor": INK, "linewidth": 0.8, "hatch": "/////"}
@@ -107,44 +103,16 @@ def draw(origin: Origin, path: Path, setting: Setting) -> None:
 
 
 def _shown(origin: Origin) -> _Shown:
-    mass, area = origin.probability.sum(axis=0), backward.cell_area(origin)
-    per_nmi2 = 100 * mass / (area[:, None] / NMI**2)
-    containment, levels, sizes, _ = areas.containment(mass, area, density.Calibration(density.KNOTS))
-    outlines = {}
-    for share in LINES:
-        inside = _within(containment, share)
-        last_in, first_out = float(per_nmi2[inside].min()), float(per_nmi2.max(where=~inside, initial=0.0))
-        level = float(np.sqrt(last_in * max(first_out, last_in * FLOOR)))
-        outlines[share] = (_outline(origin, per_nmi2, level), float(np.interp(share, levels, sizes)) / NMI**2)
+    found = outlines.of(origin, tuple(LINES))
+    area = backward.cell_area(origin)
     prior = origin.prior.sum(axis=0) / area[:, None]
-    allowed = _outline(origin, prior, ALLOWED * float(prior.max()))
-    return _Shown(per_nmi2, containment, allowed, outlines, backward.count(origin).few)
-
-
-def _within(containment: Array, share: float) -> Array:
-    """Return which cells the area of a share holds, at least one."""
-    return np.asarray(containment <= max(share, float(containment.min())))
-
-
-def _outline(origin: Origin, values: Array, level: float) -> shapely.MultiPolygon:
-    """Return where a density exceeds a level [deg], by its logarithm, linear between centres of cells."""
-    floor = level * FLOOR
-    field = np.pad(np.log(np.maximum(values, floor)), 1, constant_values=np.log(floor))
-    lon, lat = (
-        np.concatenate([[2 * edge[0] - axis[0]], axis, [2 * edge[-1] - axis[-1]]])
-        for axis, edge in ((axis, backward.edges(axis)) for axis in (origin.lon, origin.lat))
-    )
-    contours: Any = contourpy.contour_generator(lon, lat, field, fill_type=contourpy.FillType.OuterOffset)
-    polygons = [
-        [points[a:b] for a, b in itertools.pairwise(offsets)]
-        for points, offsets in zip(*contours.filled(np.log(level), np.inf), strict=True)
-    ]
-    return shapely.MultiPolygon([shapely.Polygon(outer, holes) for outer, *holes in polygons])
+    allowed = outlines.outline(origin, prior, ALLOWED * float(prior.max()))
+    return _Shown(found.density, found.containment, allowed, found.areas, backward.count(origin).few)
 
 
 def _frame(origin: Origin, shown: _Shown, marks: Sequence[Mark], aspect: float) -> Frame:
     """Return the frame of the shaded cells, the finds, and the prior's outline where it is not far off."""
-    rows, columns = (np.flatnonzero(_within(shown.containment, mapped.SHOWN).any(axis=axis)) for axis in (1, 0))
+    rows, columns = (np.flatnonzero(outlines.within(shown.containment, mapped.SHOWN).any(axis=axis)) for axis in (1, 0))
     lon, lat = backward.edges(origin.lon), backward.edges(origin.lat)
     middle = float(lon.mean())
     x = [lon[columns[0]], lon[columns[-1] + 1], origin.mean[0], *(layers.near(mark.lon, middle) for mark in marks)]
@@ -158,9 +126,9 @@ def _frame(origin: Origin, shown: _Shown, marks: Sequence[Mark], aspect: float) 
 
 def _shade(ax: Axes, frame: Frame, origin: Origin, shown: _Shown) -> Any:
     """Shade the cells by their density; what exceeds the top of the scale holds a tenth."""
-    top = float(shown.density[_within(shown.containment, 0.1)].min())
+    top = float(shown.density[outlines.within(shown.containment, 0.1)].min())
     corners = frame.project(*np.meshgrid(backward.edges(origin.lon), backward.edges(origin.lat)))
-    inside = np.ma.masked_where(~_within(shown.containment, mapped.SHOWN), shown.density)
+    inside = np.ma.masked_where(~outlines.within(shown.containment, mapped.SHOWN), shown.density)
     norm = PowerNorm(0.5, 0, top)
     return ax.pcolormesh(*corners, inside, cmap=layers.shading(), norm=norm, zorder=1, rasterized=True)
 
@@ -168,8 +136,8 @@ def _shade(ax: Axes, frame: Frame, origin: Origin, shown: _Shown) -> Any:
 def _outlines(ax: Axes, frame: Frame, shown: _Shown) -> None:
     """Draw the outline of the prior and those of the areas."""
     layers.rings(ax, frame, shown.allowed, PRIOR)
-    for share, (outline, _) in shown.areas.items():
-        layers.rings(ax, frame, outline, shown.line(share))
+    for share, (shape, _) in shown.areas.items():
+        layers.rings(ax, frame, shape, shown.line(share))
     if shown.few:
         layers.rough(ax, frame, shown.areas[max(shown.areas)][0])
 
@@ -186,7 +154,7 @@ def _points(
         ax.plot(mx, my, zorder=12, **FIND)
         style = {"fontsize": 8.5, "weight": "bold", "color": layers.LAST_KNOWN, "bbox": BADGE}
         texts.append((float(mx), float(my), mark.label.partition(" ")[0], style))
-    rings = [ring for outline, _ in shown.areas.values() for ring in layers.kept(outline)]
+    rings = [ring for shape, _ in shown.areas.values() for ring in layers.kept(shape)]
     lines = [np.column_stack(frame.project(ring[:, 0], ring[:, 1])) for ring in rings]
     drawn = np.concatenate([*lines, np.array([text[:2] for text in texts]).reshape(-1, 2), [[float(x), float(y)]]])
     bar = chart.scale_bar(ax, frame, chart.free_corner(frame, drawn[:, 0], drawn[:, 1]))
@@ -280,12 +248,12 @@ def _figures(figure: Figure, origin: Origin) -> None:
     east, north, late = origin.error
     rows = [
         ("Mean place", notation.position(origin.mean[0], origin.mean[1]) or ""),
-        ("Half within", _length(1000 * float(summary["radius_50_km"])) + " of it"),
-        ("90 % within", _length(1000 * float(summary["radius_90_km"])) + " of it"),
+        ("Half within", text.length(float(summary["radius_50_km"])) + " of it"),
+        ("90 % within", text.length(float(summary["radius_90_km"])) + " of it"),
         ("Released", f"10 %: before {notation.group(low)}"),
         ("", f"50 %: before {notation.group(half)}"),
         ("", f"90 %: before {notation.group(high)}"),
-        ("Error of the mean", f"{_length(float(np.hypot(east, north)))}, {late / 3600:.2g} h"),
+        ("Error of the mean", f"{text.length(float(np.hypot(east, north)) / 1000)}, {text.number(late / 3600)} h"),
     ]
     for k, (name, value) in enumerate(rows):
         figure.text(LEFT, 0.395 - 0.0225 * k, name, fontsize=9, color=GREY)
@@ -308,10 +276,6 @@ def _quantiles(origin: Origin) -> list[np.datetime64]:
     """Return the times before which 10, 50 and 90 % of the release lies."""
     summary = backward.summary(origin)
     return [np.datetime64(str(summary[f"time_{share}"]).removesuffix("Z"), "s") for share in (10, 50, 90)]
-
-
-def _length(metres: float) -> str:
-    return f"{labels.number(metres / NMI)} nmi ({labels.number(metres / 1000)} km)"
 
 
 def _span(seconds: float) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drift.backtrack import backward
+from drift.backtrack import backward, text
 from drift.backtrack.backward import Origin
 from drift.maps.marks import Mark
 from drift.report import leaves
@@ -21,14 +21,13 @@ def of(origin: Origin, finds: Sequence[Mark]) -> list[Leaf]:
         "In this interval, before the finds": origin.prior,
     }
     top = float((whole / area).max(initial=0.0)) or 1.0
-    row = backward.summary(origin)
     return [
         leaves.maps(
             "Release", origin.time, origin.lon, origin.lat, stories, area, [top] * len(origin.time)
         ),
         leaves.marked("Finds", finds, (), "find", frame=True),
         leaves.table(
-            "Release", [("", "Figure", "words"), ("", "Value", "words")], rows=[[name, str(value)] for name, value in row.items()],
+            "Release", [("", "Figure", "words"), ("", "Value", "words")], rows=[[name.capitalize(), words] for name, words in text.facts(backward.summary(origin)).items()],
             note="A proposal where to look: the answer is a forward run weighted by the finds.",
         ),
     ]  # fmt: skip

@@ -310,6 +310,7 @@ ShareRange = Annotated[tuple[float, float], _ordered(share)]
 LengthPair = Annotated[tuple[float, float], BeforeValidator(pair_of(_length.func))]
 Position = Annotated[tuple[float, float], BeforeValidator(units.position)]  # (lon, lat) [deg]
 Longitude = Annotated[float, BeforeValidator(lambda value: units.angle(value, "EW"))]
+Edge = Annotated[float, BeforeValidator(units.edge)]  # longitude of an edge of a box, which may be above 180
 Latitude = Annotated[float, BeforeValidator(lambda value: units.angle(value, "NS"))]
 Time = Annotated[units.Instant, BeforeValidator(units.time)]
 Moment = Annotated[float | units.Instant, BeforeValidator(_moment)]  # after the start [s], or a date and time

@@ -8,6 +8,7 @@ from pydantic import BeforeValidator, model_validator
 
 from drift.case import fields, units
 from geo import sphere
+from geo.box import between
 from geo.cells import QUANTUM, Cells
 
 MOST_CELLS = 1_000_000
@@ -34,12 +35,12 @@ def _spacing(value: object) -> Spacing:
 class GridTable(fields.Table):
     """The output.grid table: its edges, and how wide and high cells are."""
 
-    west: fields.Longitude
+    west: fields.Edge
     """Western edge."""
     south: fields.Latitude
     """Southern edge."""
-    east: fields.Longitude
-    """Eastern edge."""
+    east: fields.Edge
+    """Eastern edge; may lie across the antimeridian, as -170 or 190."""
     north: fields.Latitude
     """Northern edge; none beyond 89 degrees."""
     spacing: Annotated[Spacing, BeforeValidator(_spacing)]
@@ -70,8 +71,8 @@ class GridTable(fields.Table):
         number, unit = self.spacing
         high = number if unit == "deg" else math.degrees(number / sphere.RADIUS)
         shrink = 1.0 if unit == "deg" else math.cos(math.radians((self.south + self.north) / 2))
-        west = sphere.wrap_degrees(self.west)
-        span = (self.east - west) % 360 or 360.0
+        box = between(self.west, self.south, self.east, self.north)
+        west, span = box.west, box.east - box.west
         width, height = (_whole(size) for size in (high / shrink, high))
         units_a_degree = sphere.TURN / 360
         lon0, lat0 = (round(edge * units_a_degree) for edge in (west, self.south))

@@ -30,8 +30,8 @@ from drift.case.tracker import TrackerTable
 from drift.case.uncertainty import Uncertainty, UncertaintyTable
 from drift.case.waypoints import VoyageTable
 from drift.forecast import shares
-from geo import notation, sphere
-from geo.box import Box
+from geo import notation
+from geo.box import Box, between
 
 SEARCH = (
     "sortie",
@@ -105,12 +105,12 @@ class ClockTable(fields.Table):
 class DomainTable(fields.Table):
     """The [domain] table as written; beyond 89 degrees of latitude it holds the pole and goes all round it."""
 
-    west: fields.Longitude
+    west: fields.Edge
     """Western edge."""
     south: fields.Latitude
     """Southern edge."""
-    east: fields.Longitude
-    """Eastern edge; may lie across the antimeridian."""
+    east: fields.Edge
+    """Eastern edge; may lie across the antimeridian, as -170 or 190. Half the Earth or more must be written beyond `west`."""
     north: fields.Latitude
     """Northern edge."""
 
@@ -119,12 +119,12 @@ class DomainTable(fields.Table):
         """Refuse an empty box."""
         if self.south >= self.north:
             raise ValueError(f"south {self.south:g} is not below north {self.north:g}")
+        self.box()
         return self
 
     def box(self) -> Box:
         """Return the box; one whose east is not east of its west lies across the antimeridian or goes round."""
-        west = sphere.wrap_degrees(self.west)
-        return Box(west, self.south, west + ((self.east - west) % 360 or 360.0), self.north)
+        return between(self.west, self.south, self.east, self.north)
 
 
 def _lakes(value: object) -> bool | str:

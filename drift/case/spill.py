@@ -25,6 +25,7 @@ from geo import notation
 MOST_CLASSES = 4
 ROUNDED = 0.01 + 1e-9  # by which classes' shares may miss 1: each rounded to two digits
 MOST_DAYS = 60  # of a patrol_unit
+MOST_REACH = 1_000_000.0  # [m] of a patrol_unit over land
 FEWEST_WORLDS = 50
 LONGEST = 366 * DAY  # [s] over which objects of one world go adrift
 
@@ -167,6 +168,8 @@ class SpillTable(fields.Table):
     """Into what the coast is divided."""
     reporting: ReportingTable = ReportingTable()
     """How readily what lies ashore is reported."""
+    bridges: list[Annotated[list[fields.Position], Field(min_length=2, max_length=2)]] = Field(default_factory=list)
+    """Bridges, dams and fords that join land masses for patrols and names: pairs of positions, one on either side."""
 
     @model_validator(mode="after")
     def whole(self) -> "SpillTable":
@@ -302,7 +305,9 @@ class PatrolUnitTable(fields.Table):
     base: fields.Position | None = None
     """Where it sets out, with `reach`; with neither it goes anywhere."""
     reach: Annotated[fields.Length, Field(gt=0)] | None = None
-    """How far from `base` its patrols may lie."""
+    """How far from `base` over land the middle of a stretch may lie; straight where it crosses water."""
+    crosses_water: bool = False
+    """Whether it goes to other land masses too, by boat; else it stays on one, that of its `base`."""
 
     @model_validator(mode="after")
     def proper(self) -> "PatrolUnitTable":
@@ -313,6 +318,11 @@ class PatrolUnitTable(fields.Table):
             raise ValueError("give either stretches = [names] or base with reach, or neither: it can go anywhere")
         if (self.base is None) != (self.reach is None):
             raise ValueError('base and reach belong together, like base = "29 10N 090 50W", reach = "40 km"')
+        if self.reach is not None and self.reach > MOST_REACH and not self.crosses_water:
+            raise ValueError(
+                f"reach {self.reach / 1000:g} km: at most {MOST_REACH / 1000:g} km over land; give less, or leave out base "
+                "and reach: it can go anywhere"
+            )
         return self
 
     def team(self, start: np.datetime64) -> Team:
@@ -320,7 +330,8 @@ class PatrolUnitTable(fields.Table):
         first = units.resolve(self.first, start)
         times = tuple(first + np.timedelta64(24 * day, "h") for day in range(self.days))
         base, reach = self.base, math.inf if self.reach is None else self.reach
-        return Team(self.name, self.length, self.detection, times, tuple(self.stretches), base, reach)
+        named = tuple(self.stretches)
+        return Team(self.name, self.length, self.detection, times, named, base, reach, self.crosses_water)
 
 
 def build(
@@ -370,6 +381,7 @@ def build(
         finds=tuple(finds),
         patrols=patrols,
         teams=tuple(team.team(start) for team in team_tables),
+        bridges=tuple((ends[0], ends[1]) for ends in table.bridges),
     )
     _check(spill, table.began())
     return spill

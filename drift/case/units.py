@@ -188,6 +188,12 @@ def angle(value: object, letters: str) -> float:
     return _signed(match, letters, what, limit)
 
 
+def edge(value: object) -> float:
+    """Return the longitude of an edge of a box as `angle` does, but a number above 180 as it is: east counts on from west."""
+    lon = angle(value, "EW")
+    return float(value) if isinstance(value, int | float) and value > 180 else lon
+
+
 def _signed(match: re.Match[str], letters: str, what: str, limit: float) -> float:
     letter = match["before"] or match["after"]
     text = match[0].strip()

@@ -6,7 +6,7 @@ from typing import Any
 
 from drift.cli.answer import Answer
 
-FORMATS = ("kml", "kmz", "gpx", "geotiff", "rtz")
+FORMATS = ("kml", "kmz", "gpx", "geojson", "geotiff", "rtz")
 
 
 def add(commands: Any) -> argparse.ArgumentParser:
@@ -14,7 +14,7 @@ def add(commands: Any) -> argparse.ArgumentParser:
     export: argparse.ArgumentParser = commands.add_parser(
         "export", help="write a finished run for Google Earth, chart plotters, ECDIS or a GIS"
     )
-    export.add_argument("folder", metavar="FOLDER", help="results of drift run or drift plan")
+    export.add_argument("folder", metavar="FOLDER", help="results of drift run, drift plan or drift origin")
     export.add_argument("format", metavar="FORMAT", choices=FORMATS, help=f"{', '.join(FORMATS)} (docs/formats.md)")
     export.add_argument("--out", type=Path, metavar="DIR", help="folder for the files (default: FOLDER-FORMAT)")
     export.add_argument(

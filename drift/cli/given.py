@@ -79,8 +79,7 @@ def probable_error(text: str) -> float:
 
 def box(text: str) -> Any:
     """Return the box of "west,south,east,north" [deg]."""
-    from geo import sphere
-    from geo.box import Box
+    from geo.box import between
 
     try:
         west, south, east, north = (float(part) for part in text.split(","))
@@ -91,8 +90,10 @@ def box(text: str) -> Any:
             f'--without "{text}": longitudes are -180 to 360, latitudes -90 to 90, and south is below north; '
             "the order is west,south,east,north"
         )
-    west = sphere.wrap_degrees(west)
-    return Box(west, south, sphere.east_of_degrees(east, west), north)
+    try:
+        return between(west, south, east, north)
+    except ValueError as error:
+        raise UserError(f'--without "{text}": {error}') from None
 
 
 def drifters(given: argparse.Namespace) -> dict[str, Any]:

@@ -5,9 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from drift.backtrack import text as origin_text
 from drift.forecast import likeliest
 from drift.forecast.effective import Count
 from drift.maps import gazetteer
+from drift.maps.gazetteer import Near
 from drift.planner import subareas
 from drift.planner import text as plan_text
 from drift.planner.records import Plan, Tasking
@@ -22,7 +24,6 @@ WORST = 5  # stretches of coast that are listed
 LIKELIEST = 3  # values on an axis of families that are told
 DENSEST = 3  # of those with most objects per km
 
-TIMES = ("time", "time_10", "time_50", "time_90")  # in the summary of an origin
 
 ALIKE = {"prior": 0.0}  # of what stands for many scenarios together
 
@@ -317,7 +318,8 @@ def spill(numbers: dict[str, Any]) -> Facts:
 
 def _near(place: dict[str, Any]) -> str:
     """Return the nearest town of a stretch that has no name of its own."""
-    town = gazetteer.words(place["near"], 1000 * place["near_km"]) if place["position"] in place["name"] else ""
+    near = Near(place["near"], 1000 * place["near_km"], place["near_across_water"] == "yes")
+    town = gazetteer.words(near) if place["position"] in place["name"] else ""
     return town and f", {town}"
 
 
@@ -333,12 +335,7 @@ def _number(figure: dict[str, float]) -> str:
 
 def origin(release: dict[str, Any], warnings: Sequence[str] = ()) -> Facts:
     """Return where and when a spill may have been released, by a backward run."""
-    facts = {
-        name.replace("_", " "): f"{value:.4g}" if isinstance(value, float) else str(value)
-        for name, value in release.items()
-    }
-    facts |= {name.replace("_", " "): _group(release[name]) for name in release if name in TIMES}
-    facts |= _warnings(warnings)
+    facts = origin_text.facts(release) | _warnings(warnings)
     facts["note"] = (
         "backward: proposes where to look; objects not found are left out. The answer is a forward run (drift run) "
         "with this release as its prior, weighted by all finds"

@@ -6,6 +6,7 @@ Legs are great circles (Orthodrome). The schema of 1.0 writes sheduleElement, an
 import re
 from xml.etree import ElementTree as ET
 
+from drift.exchange import checked
 from drift.exchange.finished import Finished
 from drift.output import gpx, markup
 from geo.errors import UserError
@@ -18,7 +19,16 @@ def files(run: Finished) -> dict[str, bytes]:
     """Return plan-A-1.rtz and so on, from the routes of plan.gpx."""
     if "plan.gpx" not in run.names:
         raise UserError(f"results {run.folder}: hold no plan, and rtz is for the ways of one; see: drift plan --help")
-    routes = ET.parse(run.folder / "plan.gpx").getroot().iter(f"{IN}rte")
+    path = run.folder / "plan.gpx"
+    routes = list(checked.xml(path).iter(f"{IN}rte"))
+    for route in routes:
+        points = list(route.iter(f"{IN}rtept"))
+        if not points:
+            raise checked.damaged(path, "a route has no points")
+        for point in points:
+            lon, lat, time = point.get("lon"), point.get("lat"), point.findtext(f"{IN}time")
+            if not (checked.position(lon, lat) and checked.moment(time)):
+                raise checked.damaged(path, f"a point at lon {lon}, lat {lat} and time {time}")
     return {_name(route): _document(route, run).encode() for route in routes}
 
 

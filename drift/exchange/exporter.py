@@ -1,11 +1,11 @@
-"""A finished run, written for other programs: a folder of files in one format, whole or not there."""
+"""A finished result, written for other programs: a folder of files in one format, whole or not there."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from drift.exchange import bridge, finished, globe, plotter, raster
-from drift.exchange.finished import Finished
+from drift.exchange import bridge, finished, gis, globe, plotter, raster
+from drift.exchange.finished import Finished, Release
 from drift.output import publication, writer
 from geo.errors import UserError
 
@@ -13,8 +13,15 @@ FORMATS: Mapping[str, Callable[[Finished], dict[str, bytes]]] = {
     "kml": globe.kml_files,
     "kmz": globe.kmz_files,
     "gpx": plotter.files,
+    "geojson": gis.files,
     "geotiff": raster.files,
     "rtz": bridge.files,
+}
+# Of what `drift origin` wrote.
+OF_RELEASE: Mapping[str, Callable[[Release], dict[str, bytes]]] = {
+    "kml": globe.release_files,
+    "gpx": plotter.release_files,
+    "geojson": gis.release_files,
 }
 
 
@@ -28,7 +35,8 @@ def export(
 ) -> list[Path]:
     """Write a finished run in a format of other programs; return the paths of the files.
 
-    folder: what `run` or `plan` wrote, whole (see `results`). format: "kml", "kmz", "gpx", "geotiff" or "rtz" (of plans).
+    folder: what `run`, `plan` or `origin` wrote, whole (see `results`). format: "kml", "kmz", "gpx", "geojson", "geotiff"
+    or "rtz" (of plans); of an origin "kml", "gpx" or "geojson".
     out: a folder, by default FOLDER-FORMAT in the current one. times: outputs that are wanted, all by default, such as
     ["+12 h", "221200ZNOV26"]. Raises UserError, and writes nothing, where that cannot be.
     """
@@ -38,7 +46,7 @@ def export(
     target = Path(out) if out is not None else Path(f"{folder.resolve().name}-{format}")
     publication.check(target, overwrite)
     run = finished.opened(folder, times)
-    made = FORMATS[format](run)
+    made = _made(run, format)
     publication.check(target, overwrite, made)
 
     def fill(place: Path) -> None:
@@ -46,3 +54,21 @@ def export(
             (place / name).write_bytes(contents)
 
     return writer.whole(target, run.run, fill, overwrite=overwrite)
+
+
+def _made(run: Finished | Release, format: str) -> dict[str, bytes]:
+    """Return the files of a format by name; raise UserError where the result is not as our runs write it."""
+    try:
+        if isinstance(run, Finished):
+            return FORMATS[format](run)
+        if format not in OF_RELEASE:
+            raise UserError(
+                f"results {run.folder}: are of drift origin, and {format} is for forecasts; give {', '.join(OF_RELEASE)}"
+            )
+        return OF_RELEASE[format](run)
+    except (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, RecursionError) as error:
+        # Each file is checked when it is read; what two files together make may still be impossible.
+        reason = " ".join(str(error).split())[:150] or type(error).__name__
+        raise UserError(
+            f"results {run.folder}: cannot be written as {format} ({reason}); run the case again"
+        ) from error

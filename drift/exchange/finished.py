@@ -1,9 +1,7 @@
 """A finished run as its folder holds it: what files for other programs are made from."""
 
-import csv
-import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,11 +10,60 @@ import numpy as np
 import xarray as xr
 
 from drift.case import units
+from drift.exchange import checked
+from drift.exchange.checked import Check, fraction, maybe, moment, number, words
 from drift.output import publication
 from geo import notation
 from geo.errors import UserError
 
 LARGE = ["probability_by_scenario", "probability_ashore"]  # variables of forecast.nc that no format has
+FORECAST: Mapping[str, tuple[str, ...]] = {
+    "time": ("time",),
+    "share": ("share",),
+    **{f"{name}_{axis}": ("time",) for name in ("mean", "datum") for axis in ("lon", "lat")},
+}
+CELLS: Mapping[str, tuple[str, ...]] = {
+    "lon": ("lon",),
+    "lat": ("lat",),
+    "probability": ("time", "lat", "lon"),
+    "containment": ("time", "lat", "lon"),
+}
+# What is read of the files of a run: checks of properties and columns by name.
+READ: Mapping[str, Mapping[str, Check]] = {
+    "contours.geojson": {"time": moment, "level": fraction, "area_nmi2": number},
+    "sorties.geojson": {
+        "kind": words,
+        "shape": words,
+        "time": maybe(moment),
+        "start": maybe(moment),
+        "end": maybe(moment),
+    }
+    | {name: maybe(number) for name in ("poc", "pod", "pos", "belief")},
+    "plan.geojson": {"area": words, "unit": words, "shape": words, "pos": number}
+    | dict.fromkeys(("takeoff", "home", "on_scene", "off_scene"), moment),
+    "washup.geojson": {"name": words, "position": words, "access": words, "rank": number, "ever": number}
+    | dict.fromkeys(("length_km", "number_10", "number_90", "expected", "probability"), number),
+    "patrols.geojson": {"patrol_unit": words, "time": moment, "stretch_id": words, "stretch": words}
+    | dict.fromkeys(("length_km", "detection", "found"), number),
+    "origin.geojson": {"kind": words, "time": maybe(moment), "level": maybe(fraction), "area_nmi2": maybe(number)},
+    "finds.csv": {
+        "time": moment,
+        "lon_deg": number,
+        "lat_deg": number,
+        "probability_beforehand": number,
+        "tail": number,
+    }
+    | {"none_of_ours": number}
+    | dict.fromkeys(("number", "name", "position", "stretch", "class", "by", "odd"), words),
+}
+
+
+LINES, AREAS = ("MultiLineString",), ("MultiPolygon",)
+KINDS: Mapping[str, tuple[str, ...]] = {"contours.geojson": AREAS, "washup.geojson": LINES, "patrols.geojson": LINES}
+
+
+def _features(path: Path) -> list[dict[str, Any]]:
+    return checked.features(path, READ[path.name], KINDS.get(path.name, tuple(checked.DEPTH)))
 
 
 @dataclass(frozen=True)
@@ -41,7 +88,7 @@ class Finished:
     def words(self) -> str:
         """What every file says of the run: what it must not be used for first."""
         told = self.forecast.attrs
-        parts = [told.get("caution", ""), f"run {self.run}", str(told.get("source", ""))]
+        parts = [str(told.get("caution", "")), f"run {self.run}", str(told.get("source", ""))]
         parts += [f"WARNING: {told['warning']}"] if told.get("warning") else []
         parts += [f"Errors: {told['uncertainty']}"] if told.get("uncertainty") else []
         return ". ".join(part for part in parts if part)
@@ -53,25 +100,31 @@ class Finished:
 
     def features(self, name: str) -> list[dict[str, Any]]:
         """Return the features of a GeoJSON file of the run; none where it has no such file."""
-        if name not in self.names:
-            return []
-        features: list[dict[str, Any]] = json.loads((self.folder / name).read_bytes())["features"]
-        return features
+        return _features(self.folder / name) if name in self.names else []
 
     def rows(self, name: str) -> list[dict[str, str]]:
         """Return the rows of a CSV file of the run; none where it has no such file."""
-        if name not in self.names:
-            return []
-        with open(self.folder / name, newline="", encoding="utf-8") as file:
-            return list(csv.DictReader(file))
+        return checked.rows(self.folder / name, READ[name]) if name in self.names else []
 
     def search(self) -> list[dict[str, Any]]:
         """Return the features of what was searched and told; of a plan without its own sorties, which are not flown."""
-        return [f for f in self.features("sorties.geojson") if f["properties"].get("status") != "planned"]
+        found = [f for f in self.features("sorties.geojson") if f["properties"].get("status") != "planned"]
+        for feature in found:
+            told = feature["properties"]
+            times = ("start", "end") if told["shape"] == "legs" else ("time",) if told["kind"] == "contact" else ()
+            wrong = [name for name in times if not told.get(name)]
+            wrong += ["belief"] if told["kind"] == "contact" and told.get("belief") is None else []
+            if wrong:
+                raise checked.damaged(self.folder / "sorties.geojson", f"a {told['kind']} has no {wrong[0]}")
+        return found
 
     def areas(self) -> list[tuple[np.datetime64, float, dict[str, Any], dict[str, Any]]]:
         """Return (time, share, geometry, properties) of each area at the outputs that are wanted, in their order."""
         wanted = {notation.iso(time): time for time in self.forecast["time"].values}
+        shares, levels = self.shares, {f["properties"]["level"] for f in self.features("contours.geojson")}
+        if not levels <= set(shares):
+            strange = min(levels - set(shares))
+            raise checked.damaged(self.folder / "contours.geojson", f"level {strange} is no share of forecast.nc")
         found = [
             (wanted[told["time"]], float(told["level"]), feature["geometry"], told)
             for feature in self.features("contours.geojson")
@@ -82,19 +135,94 @@ class Finished:
     def positions(self, name: str) -> list[tuple[np.datetime64, float, float]]:
         """Return (time, lon, lat) [deg] of "mean" or "datum" where there is one; longitudes run on."""
         at = [self.forecast[key].values for key in ("time", f"{name}_lon", f"{name}_lat")]
-        return [(time, float(lon), float(lat)) for time, lon, lat in zip(*at, strict=True) if np.isfinite(lat)]
+        rows = zip(*at, strict=True)
+        return [(time, float(lon), float(lat)) for time, lon, lat in rows if np.isfinite(lat) and np.isfinite(lon)]
+
+    def cells(self) -> xr.Dataset:
+        """Return the forecast with its cells, checked; raise UserError where they are not as we write them."""
+        path = self.folder / "forecast.nc"
+        for name, dims in CELLS.items():
+            if name not in self.forecast or self.forecast[name].dims != dims:
+                raise UserError(
+                    f"results {self.folder}: forecast.nc has no {name} by {', '.join(dims)}; run the case again"
+                )
+        checked.within(path, self.forecast, {"lon": 720, "lat": 90, "probability": 1 + 1e-6, "containment": 1 + 1e-6})
+        for name, most in (("lon", 720), ("lat", 90)):
+            edges = f"{name}_bnds"
+            if edges not in self.forecast:
+                raise UserError(
+                    f"results {self.folder}: are of an older version, which wrote no edges of cells; run the case again"
+                )
+            held = self.forecast[edges]
+            count = self.forecast.sizes[name]
+            flat = np.asarray(held.values).ravel()
+            if (
+                held.shape != (count, 2)
+                or held.dtype.kind != "f"
+                or not (np.diff(flat[::2]) > 0).all()
+                or not flat[0] < flat[-1]
+            ):
+                raise UserError(
+                    f"results {self.folder}: forecast.nc is damaged: {edges} are no edges of cells; run the case again"
+                )
+            checked.within(path, self.forecast, {edges: most + 1})
+        return self.forecast
 
 
-def opened(folder: str | os.PathLike[str], times: Sequence[str] = ()) -> Finished:
-    """Return what a folder holds; raise UserError unless it is the whole result of a run with a forecast.
+@dataclass(frozen=True)
+class Release:
+    """A whole result of a backward run."""
 
-    times: of the outputs that are wanted, as case files write times; all by default.
+    folder: Path
+    names: frozenset[str]
+    data: xr.Dataset
+
+    @property
+    def title(self) -> str:
+        """The title of the case."""
+        return str(self.data.attrs["title"])
+
+    @property
+    def run(self) -> str:
+        """The run_id."""
+        return str(self.data.attrs["run_id"])
+
+    @property
+    def words(self) -> str:
+        """What every file says of the run: what it must not be used for first."""
+        told = self.data.attrs
+        parts = [
+            str(told.get("caution", "")),
+            f"run {self.run}",
+            str(told.get("source", "")),
+            str(told.get("comment", "")),
+        ]
+        return ". ".join(part for part in parts if part)
+
+    def features(self) -> list[dict[str, Any]]:
+        """Return areas, mean and finds."""
+        return _features(self.folder / "origin.geojson")
+
+
+def opened(folder: str | os.PathLike[str], times: Sequence[str] = ()) -> Finished | Release:
+    """Return what a folder holds; raise UserError unless it is the whole result of a run with a forecast, or of `drift origin`.
+
+    times: of the outputs that are wanted, as case files write times; all by default. An origin has none.
     """
     folder = Path(folder)
     names = frozenset(path.name for path in publication.results(folder))
+    if "forecast.nc" not in names and {"origin.nc", "origin.geojson"} <= names:
+        if times:
+            raise UserError(f"results {folder}: are of drift origin, which has no outputs by time; leave out --time")
+        data = checked.dataset(folder / "origin.nc", ["probability", "prior"], {"time": ("time",)})
+        return Release(folder, names, data)
     if "forecast.nc" not in names:
-        raise UserError(f"results {folder}: hold no forecast.nc; export what drift run or drift plan wrote")
-    forecast = xr.load_dataset(folder / "forecast.nc", drop_variables=LARGE)
+        raise UserError(
+            f"results {folder}: hold no forecast.nc; export what drift run or drift plan wrote, or drift origin"
+        )
+    path = folder / "forecast.nc"
+    forecast = checked.dataset(path, LARGE, FORECAST)
+    checked.within(path, forecast, {"mean_lat": 90, "datum_lat": 90, "mean_lon": 720, "datum_lon": 720, "share": 1})
     return Finished(folder, names, forecast.isel(time=_chosen(forecast["time"].values, times)))
 
 

@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import shapely
 
-from drift.exchange.finished import Finished
+from drift.exchange.finished import Finished, Release
 from drift.output import geojson, kml, markup
 from geo import notation
 
@@ -59,8 +59,43 @@ def _document(run: Finished) -> str:
     _search(document, run)
     _plan(document, run)
     _coast(document, run)
+    _patrols(document, run)
     _finds(document, run)
     return markup.text(root)
+
+
+def release_files(run: Release) -> dict[str, bytes]:
+    """Return origin.kml: where a spill may have been released, its mean, and the finds."""
+    root, document = kml.document(run.title, run.words)
+    kml.style(document, "area0", INK, WIDTHS[0], fill=f"{FILLS[0]}{INK[2:]}")
+    kml.style(document, "area1", INK, WIDTHS[1], fill=f"{FILLS[2]}{INK[2:]}")
+    times = run.data["time"].values
+    span = notation.iso(times.min()), notation.iso(times.max())
+    areas = sorted(
+        (f for f in run.features() if f["properties"]["kind"] == "area"),
+        key=lambda f: -float(f["properties"]["level"] or 0),
+    )
+    folder = kml.folder(document, "Release")
+    for feature in areas:  # the smallest comes last, and lies on top
+        told = feature["properties"]
+        percent = notation.percent(float(told["level"] or 0))
+        words = f"{run.words}. {percent} % area of {float(told['area_nmi2'] or 0):,.1f} nmi2"
+        kml.place(
+            folder,
+            f"{percent} % of the release",
+            words,
+            span,
+            f"area{int(feature is not areas[-1])}",
+            feature["geometry"],
+        )
+    for feature in run.features():
+        told = feature["properties"]
+        if told["kind"] != "area":
+            name = (
+                "mean position" if told["kind"] == "mean" else f"find {told.get('number', '')} {told.get('name', '')}"
+            )
+            kml.place(folder, name.strip(), run.words, span, "", feature["geometry"])
+    return {"origin.kml": markup.text(root).encode()}
 
 
 def _spans(times: Any) -> dict[str, tuple[str, str]]:
@@ -97,10 +132,10 @@ def _search(document: ET.Element, run: Finished) -> None:
         name = str(told.get("name") or told["kind"])
         if name not in folders:
             folders[name] = kml.folder(parent, name)
-        begin = str(told.get("start") or told["time"])
+        begin = str(told.get("start") or told.get("time") or notation.iso(run.forecast["time"].values[0]))
         facts = [
             f"{told['kind']} {name}",
-            *(f"{k.upper()} {notation.percent(told[k])}" for k in ("poc", "pod", "pos") if told.get(k)),
+            *(f"{k.upper()} {notation.percent(float(told[k]))}" for k in ("poc", "pod", "pos") if told.get(k)),
         ]
         look = "legs" if told["shape"] == "legs" else "field"
         span = (begin, str(told.get("end") or begin))
@@ -138,7 +173,25 @@ def _coast(document: ET.Element, run: Finished) -> None:
             f"to 90 %), {told['expected']:.3g} on average, probability of any {notation.percent(told['probability'])}, that any ever comes {notation.percent(told['ever'])}"
         )
         span = notation.iso(times[0]), notation.iso(times[-1])
-        kml.place(folder, f"{told['rank']}  {told['name']}", words, span, "track", feature["geometry"])
+        name = f"{told['rank']}  {told['name']}"
+        words = f"{told.get('stretch_id') or ''} {words}".strip()
+        kml.place(folder, name, words, span, "track", feature["geometry"])
+
+
+def _patrols(document: ET.Element, run: Finished) -> None:
+    """Append the stretches of each patrol of a plan, from when it walks on."""
+    features = run.features("patrols.geojson")
+    end = notation.iso(run.forecast["time"].values[-1])
+    if features:
+        folder = kml.folder(document, "Patrols")
+    for feature in features:
+        told = feature["properties"]
+        words = (
+            f"{told['patrol_unit']}, {told['time']}: {told['stretch']} ({told['stretch_id']}), {told['length_km']:.1f} km, "
+            f"finds {told['found']:.2g} on average"
+        )
+        name = f"{told['patrol_unit']} {told['stretch_id']}"
+        kml.place(folder, name, words, (told["time"], max(told["time"], end)), "legs", feature["geometry"])
 
 
 def _finds(document: ET.Element, run: Finished) -> None:

@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import shapely
 
-from drift.exchange.finished import Finished
+from drift.exchange.finished import Finished, Release
 from drift.output import gpx, markup
 from geo import notation, sphere
 
@@ -24,7 +24,51 @@ MONTH = np.timedelta64(27, "D")  # after which days of the month may come again
 
 
 def files(run: Finished) -> dict[str, bytes]:
-    """Return forecast.gpx; of more than a day, one file for each day (UTC)."""
+    """Return forecast.gpx; of more than a day, one file for each day (UTC); of a spill its stretches and patrols too."""
+    return _forecast(run) | _coast(run)
+
+
+def release_files(run: Release) -> dict[str, bytes]:
+    """Return origin.gpx: the mean and the finds as waypoints, outlines of the areas as tracks."""
+    root, lines = gpx.document(run.title, run.words), list[tuple[str, str, Sequence[Line]]]()
+    for feature in run.features():
+        told, shape = feature["properties"], feature["geometry"]
+        if shape["type"] == "Point":
+            name = "MEAN" if told["kind"] == "mean" else f"F{told.get('number', '')}"
+            words = "mean position of the release" if told["kind"] == "mean" else f"find {told.get('name', '')}"
+            gpx.point(root, "wpt", *shape["coordinates"][:2], name=name, words=words, kind=told["kind"])
+        elif shape["type"] == "MultiPolygon":
+            percent = notation.percent(float(told["level"] or 0))
+            words = f"{percent} % of the release, {float(told['area_nmi2'] or 0):,.1f} nmi2"
+            rings = [line for polygon in shape["coordinates"] for ring in polygon for line in opened(ring)]
+            lines.append((f"{percent}%", words, rings))
+    for name, words, outlines in lines:
+        _lines(_track(root, name, words, "area"), outlines)
+    return {"origin.gpx": markup.text(root).encode()}
+
+
+def _coast(run: Finished) -> dict[str, bytes]:
+    """Return stretches.gpx and patrols.gpx of a spill: a track for each stretch, named by its id."""
+    made = {}
+    for name, title in (("washup", "stretches"), ("patrols", "patrols")):
+        features = run.features(f"{name}.geojson")
+        if not features:
+            continue
+        root = gpx.document(f"{run.title}, {title}", run.words)
+        for feature in features:
+            told = feature["properties"]
+            if name == "washup":
+                called = str(told.get("stretch_id") or told["name"])
+                words = f"{told['rank']} {told['name']}, {told['expected']:.3g} objects on average at the end"
+            else:
+                called = f"{told['patrol_unit']} {told['stretch_id']}"
+                words = f"{told['time']} {told['stretch']}, {told['length_km']:.1f} km, {told['found']:.2g} found on average"
+            _lines(_track(root, called, words, title), feature["geometry"]["coordinates"])
+        made[f"{title}.gpx"] = markup.text(root).encode()
+    return made
+
+
+def _forecast(run: Finished) -> dict[str, bytes]:
     times = run.forecast["time"].values
     if times[-1] - times[0] <= np.timedelta64(1, "D"):
         return {"forecast.gpx": _document(run, "").encode()}
@@ -65,16 +109,15 @@ def _document(run: Finished, day: str) -> str:
     for feature in contacts:
         told, shape = feature["properties"], feature["geometry"]
         if shape["type"] == "Point":
-            words = f"contact {told['time']}, believed {100 * told['belief']:.0f} %"
-            gpx.point(root, "wpt", *shape["coordinates"], name=str(told["name"]), words=words, kind="contact")
+            words = f"contact {told['time']}, believed {100 * float(told['belief']):.0f} %"
+            gpx.point(root, "wpt", *shape["coordinates"][:2], name=str(told["name"]), words=words, kind="contact")
     mean = [point for point in run.positions("mean") if notation.iso(point[0]).startswith(day)]
     if len(mean) > 1:
-        segment = ET.SubElement(_track(root, "MEAN", "mean position, adrift or ashore", "mean"), "trkseg")
-        for time, lon, lat in mean:
-            gpx.point(segment, "trkpt", lon, lat, time=time)
+        track = _track(root, "MEAN", "mean position, adrift or ashore", "mean")
+        gpx.segments(track, [row[1] for row in mean], [row[2] for row in mean], [row[0] for row in mean])
     for time, share, told, lines in areas:
         percent = notation.hundredths(share)
-        words = f"{percent} % area {notation.group(time)}, {told['area_nmi2']:,.1f} nmi2"
+        words = f"{percent} % area {notation.group(time)}, {float(told['area_nmi2']):,.1f} nmi2"
         _lines(_track(root, f"{percent}% {names[time]}", words, "area"), lines)
     for feature in contacts:
         told, shape = feature["properties"], feature["geometry"]
@@ -140,11 +183,9 @@ def _track(root: ET.Element, name: str, words: str, kind: str) -> ET.Element:
 
 
 def _lines(track: ET.Element, lines: Sequence[Sequence[Sequence[float]]]) -> None:
-    """Append a segment for each line."""
+    """Append a segment for each line, cut at 180 degrees."""
     for line in lines:
-        segment = ET.SubElement(track, "trkseg")
-        for lon, lat in line:
-            gpx.point(segment, "trkpt", lon, lat)
+        gpx.segments(track, *zip(*((point[0], point[1]) for point in line), strict=True))
 
 
 def opened(ring: Sequence[Sequence[float]]) -> Iterator[list[Sequence[float]]]:

@@ -27,23 +27,20 @@ def files(run: Finished) -> dict[str, bytes]:
         import rasterio  # noqa: F401 (an extra)
     except ImportError:
         raise UserError("geotiff needs rasterio: pip install -e '.[geotiff]' where drift lies") from None
-    if "lon_bnds" not in run.forecast:
-        raise UserError(
-            f"results {run.folder}: are of an older version, which wrote no edges of cells; run the case again"
-        )
-    made = {}
-    lon, sides = run.forecast["lon"].values, {}
+    made, forecast = {}, run.cells()
+    lon, sides = forecast["lon"].values, {}
     turns = np.floor((lon + 180) / 360).astype(int)
     for turn in np.unique(turns):
         suffix = "" if np.ptp(turns) == 0 else ("-E" if turn == turns[0] else "-W")
         sides[suffix] = (np.flatnonzero(turns == turn), 360.0 * turn)
-    for k, time in enumerate(run.forecast["time"].values):
+    for k, time in enumerate(forecast["time"].values):
         stamp = notation.iso(time).replace("-", "").replace(":", "")
         for suffix, (columns, shift) in sides.items():
-            at = run.forecast.isel(time=k, lon=columns)
+            at = forecast.isel(time=k, lon=columns)
             name = f"probability-{stamp[:13]}{'' if stamp[13:15] == '00' else stamp[13:15]}Z{suffix}.tif"
             made[name] = _file(run, at, shift)
     for name in WASHUP & run.names:  # what comes ashore of a spill is lines, which no raster holds
+        run.features(name)  # refused where it is damaged
         made[name] = (run.folder / name).read_bytes()
     return made
 

@@ -1,4 +1,8 @@
-"""Names of towns and harbours on coasts, for whoever reads a map; data/places.md says where they come from."""
+"""Names of towns and harbours on coasts, for whoever reads a map; data/places.md says where they come from.
+
+A place on the shore is named by the nearest town on its own land mass. Where there is none within FARTHEST, the nearest
+town of all names it, and the name says "across water". Of a town beyond the land that is known nothing is said of water.
+"""
 
 import csv
 from dataclasses import dataclass
@@ -10,10 +14,14 @@ import numpy as np
 from geo import sphere
 from geo.array import Array
 from geo.box import Box
+from geo.coast import land_masses
+from geo.coast.land_masses import LandMasses
 
 HARBOUR = 5.0  # factor by which a harbour counts for more than a town of its size
 BESIDE = 10_000.0  # [m] within which a place is near a town
 FARTHEST = 100_000.0  # [m] within which it is told by how far it is from one
+ACROSS = "across water"
+UNKNOWN = -9  # land mass of what lies beyond the land that is known
 APART = 0.08  # of the box's size: places that are shown are at least so far from each other
 
 
@@ -25,6 +33,15 @@ class Place:
     lon: float
     lat: float
     harbour: bool
+
+
+@dataclass(frozen=True)
+class Near:
+    """The town or harbour by which a place is named."""
+
+    name: str
+    away: float  # [m]
+    across: bool = False  # it lies on another land mass
 
 
 @cache
@@ -52,19 +69,39 @@ def around(box: Box, most: int = 12) -> list[Place]:
     return [Place(names[k], float(x[k]), float(lat[k]), bool(harbour[k])) for k in chosen]
 
 
-def nearest(lon: Array, lat: Array) -> list[tuple[str, float]]:
-    """Return the name of the town or harbour nearest to each place [deg], and how far it is [m]."""
+def nearest(lon: Array, lat: Array, land: LandMasses | None = None) -> list[Near]:
+    """Return the town or harbour by which each place [deg] is named.
+
+    land: what towns and places lie on; without it the nearest town names a place. Of two pieces of land that the edge of
+    its box cuts it is not known whether they are one.
+    """
     names, lons, lats, _, _ = _all()
+    mass = np.full(len(names), UNKNOWN)
+    reaching = frozenset[int]()
+    if land is not None and len(land.polygons):
+        reaching, known = land_masses.reaching_the_edge(land), land.box or Box(-180.0, -90.0, 180.0, 90.0)
+        inside = np.flatnonzero(
+            (sphere.east_of_degrees(lons, known.west) <= known.east) & (lats >= known.south) & (lats <= known.north)
+        )
+        mass[inside] = land_masses.of_places(land, lons[inside], lats[inside])
+        own = land_masses.of_places(land, np.asarray(lon), np.asarray(lat))
+    else:
+        own = np.full(len(lon), UNKNOWN)
     found = []
-    for x, y in zip(np.radians(lon), np.radians(lat), strict=True):
+    for x, y, here in zip(np.radians(lon), np.radians(lat), own, strict=True):
         distance = sphere.distance(x, y, np.radians(lons), np.radians(lats))
-        k = int(np.argmin(distance))
-        found.append((names[k], float(distance[k])))
+        same = np.where((mass == here) & (mass != UNKNOWN), distance, np.inf)
+        k = int(np.argmin(same))
+        if not same[k] <= FARTHEST:
+            k = int(np.argmin(distance))
+        across = UNKNOWN not in (here, mass[k]) and here != mass[k] and not {int(here), int(mass[k])} <= reaching
+        found.append(Near(names[k], float(distance[k]), bool(across)))
     return found
 
 
-def words(name: str, away: float) -> str:
-    """Return where a place is that lies so far [m] from a town: "near X", "34 km from X"; far away ""."""
-    if away > FARTHEST:
+def words(near: Near) -> str:
+    """Return where a place is by its town: "near X", "34 km from X", "near X, across water"; far away ""."""
+    if near.away > FARTHEST:
         return ""
-    return f"near {name}" if away <= BESIDE else f"{away / 1000:.0f} km from {name}"
+    told = f"near {near.name}" if near.away <= BESIDE else f"{near.away / 1000:.0f} km from {near.name}"
+    return f"{told}, {ACROSS}" if near.across else told

@@ -23,14 +23,20 @@ def polygons(shape: shapely.MultiPolygon) -> dict[str, Any]:
 
 
 def lines(shapes: Iterable[Any]) -> dict[str, Any]:
-    """Return lines (Shapely) as a MultiLineString."""
-    pieces = [piece for shape in shapes for piece in antimeridian.cut_line(shape)]
+    """Return lines (Shapely) as a MultiLineString; from point to point they go the short way round."""
+    parts = [_short(part) for shape in shapes for part in shapely.get_parts(shape)]
+    pieces = [piece for part in parts for piece in antimeridian.cut_line(part)]
     return {"type": "MultiLineString", "coordinates": [_rounded(piece) for piece in pieces]}
 
 
 def point(lon: float, lat: float) -> dict[str, Any]:
     """Return a position as a Point."""
     return {"type": "Point", "coordinates": [round(sphere.wrap_degrees(lon), DIGITS), round(lat, DIGITS)]}
+
+
+def _short(line: Any) -> Any:
+    """Return a line without jumps of a turn: its longitudes run on."""
+    return shapely.transform(line, lambda xy: np.column_stack([np.unwrap(xy[:, 0], period=360), xy[:, 1]]))
 
 
 def _rounded(line: Any) -> list[list[float]]:

@@ -35,7 +35,7 @@ def _picture(matter: Matter, path: Path) -> None:
         for slot, visits in patrol_planner.by_patrol(matter.plan)
     ]
     imprint = replace(setting.imprint, title=f"Planned patrols: {setting.imprint.title}")
-    warnings = [*renewal.warnings(after), *patrol_files.too_long(matter.plan, after, most=0)]
+    warnings = [*renewal.warnings(after), *matter.plan.notes, *patrol_files.too_long(matter.plan, after, most=0)]
     washup_map.draw(
         after.washup, after.segments, path, replace(setting, imprint=imprint), finds=spill_chapter.finds(after),
         patrols=washup_map.Patrols(planned, "planned patrol", near=True), warning="; ".join(warnings),
@@ -47,6 +47,7 @@ FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
         matter.plan, matter.after, matter.setting.imprint.title, stamped["run_id"], matter.synthetic
     ),
     "patrols.csv": lambda matter, stamped: patrol_files.csv(matter.plan, matter.after, stamped["run_id"]),
+    "patrols.geojson": lambda matter, stamped: patrol_files.lines(matter.plan, matter.after, stamped),
     "patrols.toml": lambda matter, stamped: patrol_files.toml(matter.plan, matter.after),
 }
 # Where teams leave out what is longer than their day.
@@ -62,6 +63,6 @@ def chapter(matter: Matter) -> Chapter:
     """Return the chapter of a plan of patrols."""
     numbers = {"patrol_plan": patrol_files.numbers(matter.plan)}
     files = bound(FILES, matter) | (bound(LEFT_OUT_FILES, matter) if matter.plan.left_out else {})
-    warnings = tuple(patrol_files.too_long(matter.plan, matter.after))
+    warnings = (*matter.plan.notes, *patrol_files.too_long(matter.plan, matter.after))
     leaves = (partial(report.of, matter.plan),)
     return Chapter(numbers, files, bound(PICTURES, matter), warnings=warnings, leaves=leaves)

@@ -6,10 +6,11 @@ The [[patrol]] tables are to be appended to the case once the patrols have been 
 import json
 import math
 import textwrap
+from collections.abc import Mapping
 from typing import Any
 
 from drift.forecast import effective
-from drift.output import formats
+from drift.output import formats, geojson
 from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import PatrolPlan, Slot, Visit
 from drift.spill import tables as washup_tables
@@ -18,7 +19,7 @@ from geo import notation
 
 WIDE = 78
 HEADER = (
-    "date_time_group", "time", "patrol_unit", "segment", "stretch", "position", "access",
+    "date_time_group", "time", "patrol_unit", "segment", "stretch_id", "stretch", "position", "access",
     "length_km", "lying", "found", "found_se", "effective_worlds", "run_id",
 )  # fmt: skip
 
@@ -27,6 +28,7 @@ LEFT_OUT = (
     "patrol_unit",
     "day_km",
     "segment",
+    "stretch_id",
     "stretch",
     "position",
     "access",
@@ -62,6 +64,7 @@ def text(plan: PatrolPlan, after: Aftermath, title: str, run: str, synthetic: bo
     for note in (
         "Found: expected numbers, those left out that the public reports or that are taken away before the patrol "
         "comes; on a second visit, what the first leaves and what has come since.",
+        "Unless it crosses water a team stays on one land mass, and its reach is measured over land.",
         f"A stretch is visited at most {patrol_planner.VISITS} times, whole. Ways between stretches are not counted. "
         f"Stretches that would add under {100 * patrol_planner.TRIFLE:g} % to a patrol are left out.",
         "Afterwards append patrols.toml to the case, with what was done, and each object found as a [[find]].",
@@ -90,7 +93,7 @@ def warnings(plan: PatrolPlan, after: Aftermath, synthetic: bool) -> list[str]:
     count = effective.Count(after.posterior.effective, after.spill.worlds, "worlds")
     if count.few:
         lines.append(effective.sentence(count, "", "numbers and the choice of stretches are rough"))
-    return lines + too_long(plan, after)
+    return [*lines, *plan.notes, *too_long(plan, after)]
 
 
 def too_long(plan: PatrolPlan, after: Aftermath, *, most: int = LONGEST) -> list[str]:
@@ -127,7 +130,15 @@ def left_out(plan: PatrolPlan, after: Aftermath, run: str) -> str:
         s = row.segment
         place = notation.position(float(segments.lon[s]), float(segments.lat[s])) or ""
         figures = float(segments.length[s]) / 1000, row.lying, after.posterior.effective
-        about = [row.team.name, f"{row.team.length / 1000:g}", s, segments.name[s], place, segments.access[s]]
+        about = [
+            row.team.name,
+            f"{row.team.length / 1000:g}",
+            s,
+            segments.id[s],
+            segments.name[s],
+            place,
+            segments.access[s],
+        ]
         rows.append([*about, *(f"{value:.6g}" for value in figures), run])
     return formats.csv_text(list(LEFT_OUT), rows)
 
@@ -142,7 +153,7 @@ def csv(plan: PatrolPlan, after: Aftermath, run: str) -> str:
             length = float(segments.length[s]) / 1000
             figures = [length, visit.lying, visit.found, visit.error, after.posterior.effective]
             when = [notation.group(slot.when), notation.iso(slot.when), slot.team.name]
-            where = [s, segments.name[s], place, segments.access[s]]
+            where = [s, segments.id[s], segments.name[s], place, segments.access[s]]
             rows.append([*when, *where, *(f"{value:.6g}" for value in figures), run])
     return formats.csv_text(list(HEADER), rows)
 
@@ -169,6 +180,30 @@ def toml(plan: PatrolPlan, after: Aftermath) -> str:
             f"detection = {slot.team.detection:g}",
         ]
     return "\n".join(parts) + "\n"
+
+
+def lines(plan: PatrolPlan, after: Aftermath, attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the stretches of each visit as a GeoJSON FeatureCollection, by time and team, cut at the antimeridian."""
+    segments, features = after.segments, []
+    for slot, visits in patrol_planner.by_patrol(plan):
+        for visit in visits:
+            s = visit.segment
+            told = {
+                "patrol_unit": slot.team.name,
+                "time": notation.iso(slot.when),
+                "segment": s,
+                "stretch_id": segments.id[s],
+                "stretch": washup_tables.stretch(segments, s),
+                "position": notation.position(float(segments.lon[s]), float(segments.lat[s])) or "",
+                "access": segments.access[s],
+                "length_km": float(f"{segments.length[s] / 1000:.6g}"),
+                "detection": slot.team.detection,
+                "lying": float(f"{visit.lying:.6g}"),
+                "found": float(f"{visit.found:.6g}"),
+                "found_se": float(f"{visit.error:.6g}"),
+            }
+            features.append(geojson.feature(geojson.lines([segments.lines[s]]), told))
+    return geojson.collection(features, attributes)
 
 
 def numbers(plan: PatrolPlan) -> dict[str, Any]:
@@ -209,9 +244,10 @@ def _key(slot: Slot) -> str:
 
 
 def _spelled(after: Aftermath, visit: Visit) -> str:
-    """Return a stretch as a case names it: by its name, or by its number where two could have that."""
-    name = after.segments.name[visit.segment]
-    return name if after.segments.name.count(name) == 1 else f"stretch {visit.segment}"
+    """Return a stretch as a case names it: by the user's name, else by its id, which no domain changes."""
+    name, place = after.segments.name[visit.segment], after.segments.id[visit.segment]
+    where = notation.position(float(after.segments.lon[visit.segment]), float(after.segments.lat[visit.segment]))
+    return place if where and where in name else name
 
 
 def _fill(words: str, indent: int = 0, hang: int | None = None) -> list[str]:

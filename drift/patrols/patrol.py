@@ -6,13 +6,15 @@ from typing import Any
 
 from drift import facts, flow
 from drift.case.record import Case
+from drift.environment import coastline
 from drift.job import Options, Report, in_turn, opened
-from drift.patrols import chapter
+from drift.patrols import access, chapter
 from drift.patrols import planner as patrol_planner
 from drift.patrols.planner import PatrolPlan
 from drift.result import Result
 from drift.shards import shelf
 from drift.spill import evidence
+from geo.coast import shore
 from geo.errors import UserError
 
 
@@ -42,13 +44,20 @@ def patrol(
     job = opened(case, Options(out, datasets, threads, backend, overwrite, report, memory, shards, client))
     assert job.where.coast is not None
     segments = evidence.cut(case.spill, job.where.coast)
-    patrol_planner.patrols(case.period, case.spill, segments)  # before the drift, because it may refuse the case
+    asked = case.coast
+    walkable = access.of_teams(
+        case.spill.teams,
+        segments,
+        coastline.lands(job.where.coast, asked),
+        lambda: shore.whole(asked.source, asked.lakes),
+    )
+    patrol_planner.patrols(case.period, segments, walkable)  # before the drift, because it may refuse the case
     with flow.kept(job) as result:
         after = result.aftermath
         assert after is not None
         job.tell("plan", 0.0)
         with job.clock.phase("plan"):
-            plan = patrol_planner.plan(after)
+            plan = patrol_planner.plan(after, walkable)
         if job.out is not None:
             setting = facts.with_coast(facts.setting(case, job.where))
             patrols = chapter.chapter(chapter.Matter(plan, after, setting, facts.synthetic(case)))

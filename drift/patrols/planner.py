@@ -17,12 +17,13 @@ import numpy as np
 from drift.motion.period import Period
 from drift.particles import partials
 from drift.particles.partials import Partial
-from drift.spill import estimate, evidence, exposure, finds, renewal
+from drift.patrols.access import Walkable
+from drift.spill import estimate, exposure, finds, renewal
 from drift.spill.exposure import Exposure
-from drift.spill.records import Spill, Team
+from drift.spill.records import Team
 from drift.spill.renewal import Aftermath
-from geo import notation, sphere
-from geo.array import Real
+from geo import notation
+from geo.array import Array, Real
 from geo.coast.segments import Segments
 from geo.errors import UserError
 
@@ -43,6 +44,7 @@ class Slot:
     when: np.datetime64
     time: int  # [s after start]
     reachable: tuple[int, ...]  # numbers of stretches that it can go to, each no longer than its day
+    stays: bool = False  # all patrols of its team lie on one land mass
 
 
 @dataclass(frozen=True)
@@ -77,18 +79,19 @@ class PatrolPlan:
     idle: tuple[str, ...]  # teams with nothing to do
     slots: tuple[Slot, ...]
     left_out: tuple[LeftOut, ...] = ()  # by team in the order of the case, most first
+    notes: tuple[str, ...] = ()  # what was made of bases that lie on water
 
 
 Chosen = dict[int, tuple[int, ...]]  # numbers of patrols, ascending, by number of the stretch that they visit
 
 
-def plan(after: Aftermath) -> PatrolPlan:
+def plan(after: Aftermath, walkable: Walkable) -> PatrolPlan:
     """Return the plan of a spill's teams; the files of its run are to be open."""
-    slots = patrols(after.period, after.spill, after.segments)
+    slots = patrols(after.period, after.segments, walkable)
     known, worth = after.posterior.known, value(after)
     reach = sorted({s for slot in slots for s in slot.reachable})
     teams, length = after.spill.teams, known.length
-    long = [(team, s) for team in teams for s in _near(team, after.segments) if length[s] > team.length]
+    long = [(team, s) for team in teams for s in walkable.of(team).stretches if length[s] > team.length]
     parts: dict[int, list[Partial]] = {s: [] for s in reach}
     left: list[list[Partial]] = [[] for _ in long]
     for part in after.fates.parts():
@@ -98,11 +101,13 @@ def plan(after: Aftermath) -> PatrolPlan:
         for (team, s), sums in zip(long, left, strict=True):
             sums.append(_lying(stays, s, own, [float(after.period.elapsed(team.times[0]))]))
     tables = {s: partials.merged(own).total[:-1] for s, own in parts.items()}
-    chosen, bound, daily = choose(tables, length, slots)
+    chosen, bound, daily = choose(tables, length, slots, walkable.mass)
     planned = _scored(after, slots, worthwhile(tables, slots, chosen), bound, daily, worth)
     lying = [float(partials.merged(sums).total.sum()) for sums in left]
     rows = [LeftOut(team, s, number) for (team, s), number in zip(long, lying, strict=True) if number > 0]
-    return replace(planned, left_out=tuple(sorted(rows, key=lambda row: (teams.index(row.team), -row.lying))))
+    notes = tuple(access.note for access in walkable.teams if access.note)
+    left_out = tuple(sorted(rows, key=lambda row: (teams.index(row.team), -row.lying)))
+    return replace(planned, left_out=left_out, notes=notes)
 
 
 def value(after: Aftermath) -> Real:
@@ -162,9 +167,12 @@ def worthwhile(tables: dict[int, Real], slots: Sequence[Slot], chosen: Chosen) -
     return {s: visits for s, visits in kept.items() if visits}
 
 
-def choose(tables: dict[int, Real], length: Real, slots: Sequence[Slot]) -> tuple[Chosen, float, bool]:
+def choose(
+    tables: dict[int, Real], length: Real, slots: Sequence[Slot], mass: Array | None = None
+) -> tuple[Chosen, float, bool]:
     """Return the visits of each stretch, a bound of what any visits find, and whether both are by day.
 
+    mass: the land mass of each stretch, (S,); None: all are on one. Teams that stay on one have all patrols there.
     Earlier visits only take away from what later ones find, so the best of each day by itself add up to a bound.
     """
     reach = [set(slot.reachable) for slot in slots]
@@ -180,15 +188,15 @@ def choose(tables: dict[int, Real], length: Real, slots: Sequence[Slot]) -> tupl
         if s in reach[j] and s not in worthy
     )
     if sum(sum(1 for _ in _sets(every, s, reach)) for s in worthy) <= CHOICES:
-        chosen, bound = _solve(tables, length, slots, worthy, every, {})
+        chosen, bound = _solve(tables, length, slots, worthy, every, {}, mass)
         return chosen, bound + rest, False
     begin = slots[0].time
     days = itertools.groupby(every, key=lambda j: (slots[j].time - begin) // DAY)
     chosen, bound = {}, rest
     for _, group in days:
         today = list(group)
-        bound += _solve(tables, length, slots, worthy, today, {})[1]
-        for s, visits in _solve(tables, length, slots, worthy, today, chosen)[0].items():
+        bound += _solve(tables, length, slots, worthy, today, {}, mass)[1]
+        for s, visits in _solve(tables, length, slots, worthy, today, chosen, mass)[0].items():
             chosen[s] = (*chosen.get(s, ()), *visits)
     return chosen, bound, True
 
@@ -207,62 +215,88 @@ def _solve(
     worthy: Sequence[int],
     today: Sequence[int],
     before: Chosen,
+    mass: Array | None,
 ) -> tuple[Chosen, float]:
     """Return the best visits of some patrols, and a bound of what they find.
 
     length: of the stretches [m], (S,). worthy: stretches to choose from. today: numbers of the patrols. before: visits
-    that earlier patrols make.
+    that earlier patrols make. mass: of `choose`.
     """
     from scipy import optimize, sparse  # here: a run that plans nothing needs neither
 
     detection = [slot.team.detection for slot in slots]
     reach = [set(slot.reachable) for slot in slots]
+    mass_of = {s: 0 if mass is None else int(mass[s]) for s in worthy}
+    taken = {_stay(slots[j], mass_of[s]) for s, visits in before.items() for j in visits if slots[j].stays}
+    # Land masses on which a team that stays on one is no more to be sent.
+    closed = {(team, m) for team, _ in taken for m in mass_of.values() if (team, m) not in taken}
     columns = [
         (s, visits)
         for s in worthy
         for visits in _sets(today, s, reach)
         if len(before.get(s, ())) + len(visits) <= VISITS
+        and not any(_stay(slots[j], mass_of[s]) in closed for j in visits)
     ]
     if not columns:
         return {}, 0.0
     base = {s: expected(tables[s], detection, before.get(s, ())) for s in worthy}
     gain = np.array([expected(tables[s], detection, (*before.get(s, ()), *visits)) - base[s] for s, visits in columns])
     stretch_row = {s: row for row, s in enumerate(worthy)}
-    patrol_row = {j: row for row, j in enumerate(today)}
     rows = [stretch_row[s] for s, _ in columns]
-    sets_of_stretch = sparse.csr_array(
-        (np.ones(len(columns)), (rows, range(len(columns)))), (len(worthy), len(columns))
-    )
-    uses = [(patrol_row[j], k, length[s]) for k, (s, visits) in enumerate(columns) for j in visits]
+    # A column more for each team that stays on one land mass and each of these: 1 where it goes there.
+    stays = list(dict.fromkeys(_stay(slots[j], mass_of[s]) for s, visits in columns for j in visits if slots[j].stays))
+    stay_column = {stay: len(columns) + k for k, stay in enumerate(stays)}
+    width = len(columns) + len(stays)
+    sets_of_stretch = sparse.csr_array((np.ones(len(columns)), (rows, range(len(columns)))), (len(worthy), width))
+    # A patrol walks no more than its length, of a team that stays only on the land mass where it goes.
+    limits = {(j, mass_of[s] if slots[j].stays else None): None for s, visits in columns for j in visits}
+    limit_row = {limit: row for row, limit in enumerate(limits)}
+    uses = [
+        (limit_row[j, mass_of[s] if slots[j].stays else None], k, length[s])
+        for k, (s, visits) in enumerate(columns)
+        for j in visits
+    ]
+    most = [slots[j].team.length * (1 + 1e-9) for j, _ in limits]
+    uses += [(row, stay_column[_stay(slots[j], m)], -most[row]) for (j, m), row in limit_row.items() if m is not None]
     row, column, amount = zip(*uses, strict=True)
-    length_of_patrol = sparse.csr_array((amount, (row, column)), (len(today), len(columns)))
+    length_of_patrol = sparse.csr_array((amount, (row, column)), (len(limits), width))
+    room = np.where([m is None for _, m in limits], most, 0.0)
+    constraints = [
+        optimize.LinearConstraint(sets_of_stretch, ub=np.ones(len(worthy))),
+        optimize.LinearConstraint(length_of_patrol, ub=room),
+    ]
+    if stays:
+        teams = list(dict.fromkeys(name for name, _ in stays))
+        ones = [(teams.index(name), stay_column[name, m]) for name, m in stays]
+        one_mass = sparse.csr_array((np.ones(len(ones)), tuple(zip(*ones, strict=True))), (len(teams), width))
+        constraints.append(optimize.LinearConstraint(one_mass, ub=np.ones(len(teams))))
     scale = max(float(gain.max()), 1e-300)
     solution = optimize.milp(
-        -gain / scale,
-        integrality=np.ones(len(columns)),
+        np.concatenate([-gain / scale, np.zeros(len(stays))]),
+        integrality=np.ones(width),
         bounds=optimize.Bounds(0, 1),
-        constraints=[
-            optimize.LinearConstraint(sets_of_stretch, ub=np.ones(len(worthy))),
-            optimize.LinearConstraint(
-                length_of_patrol, ub=np.array([slots[j].team.length for j in today]) * (1 + 1e-9)
-            ),
-        ],
+        constraints=constraints,
         options={"time_limit": SECONDS, "mip_rel_gap": GAP},
     )
     if solution.x is None:  # none within its time: nothing is planned, and any stretch may yet have its best set
         return {}, float(np.maximum.reduceat(gain, np.flatnonzero(np.diff([-1, *rows]))).sum())
-    chosen = {columns[k][0]: columns[k][1] for k in np.flatnonzero(solution.x > 0.5)}
+    chosen = {columns[k][0]: columns[k][1] for k in np.flatnonzero(solution.x[: len(columns)] > 0.5)}
     return chosen, float(-solution.mip_dual_bound * scale)
 
 
-def patrols(period: Period, spill: Spill, segments: Segments) -> tuple[Slot, ...]:
+def _stay(slot: Slot, mass: int) -> tuple[str, int]:
+    return slot.team.name, mass
+
+
+def patrols(period: Period, segments: Segments, walkable: Walkable) -> tuple[Slot, ...]:
     """Return the patrols that a spill's teams can make, by time.
 
     Raises UserError for a team that can reach no stretch.
     """
     slots = []
-    for team in spill.teams:
-        place, near = f'patrol_unit "{team.name}"', _near(team, segments)
+    for access in walkable.teams:
+        team, near = access.team, list(access.stretches)
+        place = f'patrol_unit "{team.name}"'
         short = tuple(s for s in near if segments.length[s] <= team.length)
         if not short:
             what = f"the shortest is {segments.length[near].min() / 1000:.1f} km" if near else "its reach holds none"
@@ -270,20 +304,8 @@ def patrols(period: Period, spill: Spill, segments: Segments) -> tuple[Slot, ...
                 f"{place}: no stretch that it can reach is at most {team.length / 1000:.1f} km long, its length a day: "
                 f"{what}; give a greater length or reach, or make stretches shorter ([spill.stretches] length)"
             )
-        slots += [Slot(team, when, period.elapsed(when), short) for when in team.times]
+        slots += [Slot(team, when, period.elapsed(when), short, access.stays) for when in team.times]
     return tuple(sorted(slots, key=lambda slot: slot.time))
-
-
-def _near(team: Team, segments: Segments) -> list[int]:
-    """Return the stretches that a team can reach, by number, however long."""
-    if team.stretches:
-        place = f'patrol_unit "{team.name}"'
-        return [evidence.named(name, place, segments) for name in dict.fromkeys(team.stretches)]
-    if team.base is None:
-        return list(range(len(segments.name)))
-    lon, lat = np.radians(team.base)
-    distance = sphere.distance(lon, lat, np.radians(segments.lon), np.radians(segments.lat))
-    return [int(s) for s in np.flatnonzero(distance <= team.reach)]
 
 
 def _scored(

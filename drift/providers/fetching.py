@@ -21,8 +21,7 @@ from drift.providers import catalogue, grib_filter, opendap, parts, toolbox
 from drift.providers.catalogue import Provider
 from drift.providers.order import Order, Shipment
 from drift.providers.parts import Report, patiently
-from geo import sphere
-from geo.box import Box
+from geo.box import Box, between
 from geo.errors import UserError
 from geo.files import address
 from geo.forcing import level, sources
@@ -70,9 +69,10 @@ def box_of(text: str) -> Box:
         raise UserError(f'--box "{text}" must be west,south,east,north in degrees, like 4,59,7,61') from None
     if not (-90 <= south < north <= 90 and -360 <= west <= 540 and -360 <= east <= 540 and west != east):
         raise UserError(f'--box "{text}": south must be less than north, both in -90 to 90, longitudes in -360 to 540')
-    start_ = float(sphere.wrap_degrees(west))
-    width = 360.0 if abs(east - west) >= 360 else (east - west) % 360
-    return Box(start_, south, start_ + width, north)
+    try:
+        return between(west, south, east, north)
+    except ValueError as error:
+        raise UserError(f'--box "{text}": {error}') from None
 
 
 def orders(

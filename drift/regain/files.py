@@ -107,9 +107,8 @@ def gpx(found: Regained, run: str) -> str:
     markup.leaf(track, "name", "estimated track")
     for some in np.split(np.arange(len(good)), np.flatnonzero(np.diff(good)) + 1):
         if good[some[0]]:
-            segment = ET.SubElement(track, "trkseg")
-            for k in some:
-                gpx_file.point(segment, "trkpt", float(lon[k]), float(lat[k]), time=text.moment(found, held.time[k]))
+            times = [text.moment(found, held.time[k]) for k in some]
+            gpx_file.segments(track, lon[some].tolist(), lat[some].tolist(), times)
     return markup.text(root)
 
 

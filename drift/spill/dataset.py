@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from drift.maps import gazetteer
 from drift.output import formats
 from drift.particles import weights
 from geo import notation
@@ -143,13 +144,19 @@ def _variables(figures: Mapping[str, Array], sizes: Mapping[str, int], begin: fl
     return data
 
 
-def _places(segments: Segments, touched: Array) -> dict[str, tuple[str, Any, dict[str, str]]]:
-    """Return names, kinds of shore, middles and lengths of the stretches as coordinates."""
+def _places(segments: Segments, touched: Array) -> dict[str, tuple[str, Any, dict[str, Any]]]:
+    """Return names, ids, kinds of shore, middles, lengths and nearest towns of the stretches as coordinates."""
+    towns = gazetteer.nearest(segments.lon[touched], segments.lat[touched], segments.land)
     return {
         "name": (
             "segment",
             np.array([segments.name[i] for i in touched], object),
             {"long_name": "name of the stretch"},
+        ),
+        "stretch_id": (
+            "segment",
+            np.array([segments.id[i] for i in touched] if segments.id else [""] * len(touched), object),
+            {"long_name": "id of the stretch: the geohash of its middle, which no domain changes"},
         ),
         "access": ("segment", np.array([segments.access[i] for i in touched], object), {"long_name": "kind of shore"}),
         "lon": (
@@ -163,4 +170,23 @@ def _places(segments: Segments, touched: Array) -> dict[str, tuple[str, Any, dic
             {"standard_name": "latitude", "long_name": "latitude of the middle", "units": "degrees_north"},
         ),
         "length": ("segment", segments.length[touched], {"long_name": "length along the shoreline", "units": "m"}),
+        "near": (
+            "segment",
+            np.array([town.name for town in towns], object),
+            {"long_name": "nearest town or harbour on the same land mass, else the nearest of all"},
+        ),
+        "near_distance": (
+            "segment",
+            np.array([town.away for town in towns], float),
+            {"long_name": "distance from the middle to that town", "units": "m"},
+        ),
+        "near_across_water": (
+            "segment",
+            np.array([town.across for town in towns], np.int8),
+            {
+                "long_name": "whether that town lies on another land mass",
+                "flag_values": np.array([0, 1], np.int8),
+                "flag_meanings": "same_land_or_not_known across_water",
+            },
+        ),
     }

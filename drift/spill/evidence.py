@@ -17,6 +17,7 @@ from drift.spill.records import Find, Patrol, Reporting, Spill
 from drift.spill.worlds import Worlds
 from geo import notation, sphere
 from geo.coast import edges as shoreline
+from geo.coast import land_masses
 from geo.coast import segments as stretches
 from geo.coast.edges import Coast
 from geo.coast.segments import Segments
@@ -29,12 +30,18 @@ ABREAST = 3000.0  # [m] off the straight line between a patrol's ends that a str
 
 
 def cut(spill: Spill, coast: Coast) -> Segments:
-    """Return the stretches of coast by which a spill is reported: the user's, or equal ones."""
+    """Return the stretches of coast by which a spill is reported: the user's, or equal ones; each on its land mass.
+
+    Raises UserError for a file of stretches that cannot be used, and for a bridge that ends far from land.
+    """
+    land = land_masses.build(coast.polygons, spill.bridges, coast.cut)
     if spill.stretches is not None:
         segments = stretches.named(coast, spill.stretches, spill.stretch)
     else:
         segments = stretches.cut(coast, spill.stretch)
-    return replace(segments, access=tuple(kind or spill.reporting.coast for kind in segments.access))
+    access = tuple(kind or spill.reporting.coast for kind in segments.access)
+    mass = land_masses.of_stretches(land, coast, segments.of_edge, len(segments.name))
+    return replace(segments, access=access, land=land, mass=mass)
 
 
 def build(period: Period, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds) -> finds.Known:
@@ -148,11 +155,13 @@ def place(find: Find, segments: Segments, coast: Coast) -> int:
 
 
 def named(name: str, place: str, segments: Segments) -> int:
-    """Return the number of a stretch by its name."""
+    """Return the number of a stretch by its name, its id or its number."""
     import difflib
 
     if name in segments.name:
         return segments.name.index(name)
+    if (found := stretches.placed(segments, name)) is not None:
+        return found
     number = name.removeprefix("stretch ")
     if number.isdecimal() and int(number) < len(segments.name):
         return int(number)  # the picture and the tables number stretches so

@@ -363,11 +363,11 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
     """Write each stretch's rank, name and place left of the chart, and its figures right of it."""
     place = ax.get_yaxis_transform()
     middle = [notation.position(*xy) or "" for xy in zip(at["lon"].values, at["lat"].values, strict=True)]
-    towns = gazetteer.nearest(at["lon"].values, at["lat"].values)
     names = []
     for i, name in enumerate(map(str, at["name"].values)):
         unnamed = middle[i] in name  # the name of a stretch without one is its place
-        town = f", {towns[i][0]}" if towns[i][1] <= gazetteer.BESIDE else ""
+        beside = at["near_distance"].values[i] <= gazetteer.BESIDE and not at["near_across_water"].values[i]
+        town = f", {at['near'].values[i]}" if beside else ""
         near = page.fit(f"stretch {at['segment'].values[i]}{town}", 27)
         names.append(near if name == middle[i] else page.fit(name, 44 if unnamed else 27))
         middle[i] = "" if unnamed and name != middle[i] else middle[i]

@@ -86,7 +86,8 @@ class Team:
     """People who can patrol a length of shore once a day.
 
     Its fields say when, with what detection, and which stretches they can reach: those named; or those whose middle is
-    within `reach` of their base; or, without either, all.
+    within `reach` of their base over land; or, without either, all. Unless they cross water, all their patrols lie on
+    one land mass.
     """
 
     name: str
@@ -95,7 +96,8 @@ class Team:
     times: tuple[np.datetime64, ...]  # times of its patrols
     stretches: tuple[str, ...] = ()
     base: tuple[float, float] | None = None  # (lon, lat) [deg]
-    reach: float = math.inf  # [m]
+    reach: float = math.inf  # [m] over land; where they cross water, straight
+    crosses_water: bool = False
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,9 @@ class Spill:
     patrols: tuple[Patrol, ...]
     teams: tuple[Team, ...] = ()  # teams that a plan may send
     counts: tuple[int, ...] | None = None  # particles of each class in a world; None: by their shares
+    bridges: tuple[
+        tuple[tuple[float, float], tuple[float, float]], ...
+    ] = ()  # ends (lon, lat) [deg] of what joins land
 
     @property
     def particles(self) -> int:

@@ -41,7 +41,7 @@ def of(finds: Sequence[Mark], silence: str | None) -> list[Leaf]:
         leaves.table(
             "Washup by stretch, at the end",
             [
-                ("rank", "Rank", "count"), ("rank_per_km", "Rank per km", "count"), ("position", "Position", "words"), ("near", "Nearest town", "words"),
+                ("rank", "Rank", "count"), ("rank_per_km", "Rank per km", "count"), ("position", "Position", "words"), ("near", "Nearest town", "words"), ("near_across_water", "Across water", "words"),
                 *TOLD, ("length_km", "Length, km", "number"), ("expected_per_km", "On average per km", "number"),
             ],
             file="washup.csv",

@@ -38,17 +38,18 @@ def records(data: xr.Dataset) -> Columns:
     lon, lat = sphere.wrap_degrees(at["lon"].values), at["lat"].values
     length = at["length"].values / 1000
     dense = at["expected"].values / np.maximum(length, 1e-9)
-    towns = gazetteer.nearest(lon, lat)
     columns: Columns = {
         "rank": np.arange(1, len(order) + 1),
         "segment": at["segment"].values,
+        "stretch_id": at["stretch_id"].values,
         "name": at["name"].values,
         "access": at["access"].values,
         "lon": np.round(lon, geojson.DIGITS),
         "lat": np.round(lat, geojson.DIGITS),
         "position": [notation.position(x, y) or "" for x, y in zip(lon, lat, strict=True)],
-        "near": [name for name, _ in towns],
-        "near_km": _significant(np.array([away / 1000 for _, away in towns])),
+        "near": at["near"].values,
+        "near_km": _significant(at["near_distance"].values / 1000),
+        "near_across_water": np.where(at["near_across_water"].values > 0, "yes", "no"),
         "length_km": _significant(length),
         "rank_per_km": np.argsort(np.argsort(-dense, kind="stable"), kind="stable") + 1,
         "expected_per_km": _significant(dense),
@@ -80,8 +81,8 @@ def stretch(segments: Segments, number: int) -> str:
     """Return what a stretch of the coast is called, with the nearest town where its name is only its place."""
     lon, lat, name = float(segments.lon[number]), float(segments.lat[number]), segments.name[number]
     place = notation.position(lon, lat) or ""
-    (found,) = gazetteer.nearest(np.array([lon]), np.array([lat]))
-    town = gazetteer.words(*found) if place and place in name else ""
+    (found,) = gazetteer.nearest(np.array([lon]), np.array([lat]), segments.land)
+    town = gazetteer.words(found) if place and place in name else ""
     return called(number, name, place) + (f", {town}" if town else "")
 
 
@@ -123,13 +124,14 @@ def lines(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any]) -
 
     They come worst first, and are cut at 180 degrees.
 
-    A feature's id is the stretch's number, its properties are the columns of `stretches`; null: unknown.
+    A feature's id is that of the stretch, its properties are the columns of `stretches`; null: unknown.
     """
     columns = records(data)
     features = []
     for number, row in zip(columns["segment"], zip(*columns.values(), strict=True), strict=True):
         properties = {name: _number(value) for name, value in zip(columns, row, strict=True)}
-        features.append(geojson.feature(geojson.lines([segments.lines[number]]), properties, id=int(number)))
+        own = {"id": segments.id[number]} if segments.id else {}
+        features.append(geojson.feature(geojson.lines([segments.lines[number]]), properties, **own))
     return geojson.collection(features, attributes)
 
 

@@ -51,6 +51,7 @@ class Coast:
     reference: tuple[int, int]  # offset of the reference point in its cell
     polygons: Array  # shapely land polygons [deg], unwrapped round the box
     source: str
+    cut: Box | None = None  # to which the polygons are cut; None: they are whole
 
 
 def build(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
@@ -98,6 +99,7 @@ def build(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
         reference=reference,
         polygons=shore.polygons,
         source=shore.source,
+        cut=shore.box,
     )
 
 

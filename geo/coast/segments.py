@@ -18,16 +18,18 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from geo import notation, sphere
+from geo import geohash, notation, sphere
 from geo.array import Array
 from geo.coast import edges as shoreline
 from geo.coast.edges import Coast
+from geo.coast.land_masses import LandMasses
 from geo.errors import UserError
 from geo.files import small as file
 
 NEAR = 2_000.0  # [m] largest distance from a named line to its shoreline
 METRES = np.pi * sphere.RADIUS / 180  # [m] in a degree of latitude
 DEGREES = 360.0 / sphere.TURN  # [deg] in a binary angle unit
+ID_LENGTH = 9  # letters of an id: its cell is 5 m wide
 UNKNOWN = ""  # kind of a shore of which the user's file says nothing
 
 Ints = npt.NDArray[np.int32]
@@ -45,6 +47,9 @@ class Segments:
     of_edge: Ints  # (edges,) the segment of every shoreline edge, by the edge's number
     lines: Array  # shapely LineString or MultiLineString [deg], unwrapped round the coast's grid
     access: tuple[str, ...]  # kind of shore by the user's file; "" where it says none
+    id: tuple[str, ...] = ()  # by the place of the midpoint: unique, the same whatever the domain
+    land: LandMasses | None = None  # the land of which they are the shore; None: nothing is known of it
+    mass: npt.NDArray[np.int64] | None = None  # number of each stretch's land mass, SEVERAL where it lies on several
 
 
 @dataclass(frozen=True)
@@ -111,6 +116,37 @@ def nearest(segments: Segments, coast: Coast, lon_deg: float, lat_deg: float) ->
     return int(segments.of_edge[near[best]]), float(distance[best])
 
 
+def placed(segments: Segments, text: str) -> int | None:
+    """Return the stretch of an id: of this coast, or, where another domain has cut it otherwise, the one that lies there.
+
+    Returns None for what is no id, or one of a place farther than NEAR from any stretch.
+    """
+    if text in segments.id:
+        return segments.id.index(text)
+    if len(text) < ID_LENGTH or not set(text) <= set(geohash.ALPHABET) or not len(segments.name):
+        return None
+    lon, lat = geohash.decode(text)
+    at = np.radians(lon), np.radians(lat)
+    away = sphere.distance(*at, np.radians(segments.lon), np.radians(segments.lat))
+    near = np.argsort(away)[:64]
+    squeeze = max(float(np.cos(np.radians(lat))), 1e-9)
+    lines = [
+        shapely.transform(
+            segments.lines[k], lambda xy: np.stack([sphere.wrap_degrees(xy[:, 0] - lon) * squeeze, xy[:, 1] - lat], 1)
+        )
+        for k in near
+    ]
+    distance = shapely.distance(np.array(lines, object), shapely.Point(0, 0)) * METRES
+    closest = int(np.argmin(distance))
+    return int(near[closest]) if distance[closest] <= NEAR else None
+
+
+def _ids(lon: Array, lat: Array) -> tuple[str, ...]:
+    """Return the ids of stretches by their midpoints [deg]."""
+    places = list(zip(sphere.wrap_degrees(np.asarray(lon)).tolist(), np.asarray(lat).tolist(), strict=True))
+    return _unique([geohash.encode(*place, ID_LENGTH) for place in places], "{name}{number}")
+
+
 def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], length: float) -> Segments:
     """Return the segments.
 
@@ -170,6 +206,7 @@ def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], leng
         of_edge=of_edge,
         lines=_lines(coast, edge[order], number),
         access=(*(f.access for f in features), *[UNKNOWN] * len(generated)),
+        id=_ids(lon, lat),
     )
 
 
@@ -252,7 +289,7 @@ def _lines(coast: Coast, edge: Array, number: Array) -> Array:
     return lines_of
 
 
-def _unique(names: list[str]) -> tuple[str, ...]:
+def _unique(names: list[str], again: str = "{name} ({number})") -> tuple[str, ...]:
     """Return names with " (2)", " (3)" after repeated ones."""
     used: set[str] = set()
     times: dict[str, int] = {}
@@ -261,7 +298,7 @@ def _unique(names: list[str]) -> tuple[str, ...]:
         new = name
         while new in used:
             times[name] = times.get(name, 1) + 1
-            new = f"{name} ({times[name]})"
+            new = again.format(name=name, number=times[name])
         used.add(new)
         unique.append(new)
     return tuple(unique)

@@ -104,6 +104,17 @@ def land(source: str | os.PathLike[str], box: Box, lakes: bool | str | os.PathLi
     return Shore(polygons, origin, notes, cut)
 
 
+def whole(source: str | os.PathLike[str], lakes: bool | str | os.PathLike[str] = False) -> Polygons:
+    """Return the land polygons of a source as `land` takes it, of the whole Earth, cut nowhere.
+
+    A file of lakes is left out. GSHHG takes seconds.
+    """
+    name = os.fspath(source)
+    if name.lower() == "none":
+        return np.empty(0, object)
+    return _gshhg() if name.lower() == "gshhg" else _of_file(Path(name), lakes is True)[0]
+
+
 def _of_file(path: Path, lakes: bool) -> tuple[Polygons, tuple[str, ...]]:
     """Return the land of a user's file; lakes: whether its inner rings are water."""
     contents = _read(path, "shoreline", 'a .bna, GeoJSON or shapefile, "gshhg" or "none"')

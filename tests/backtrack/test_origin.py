@@ -1,5 +1,7 @@
 """Release from finds: the weight that divergence asks for, and backward against forward against closed forms."""
 
+import csv
+import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,7 +11,7 @@ import shapely
 from scipy import stats
 
 from drift import start
-from drift.backtrack import backward
+from drift.backtrack import backward, text
 from drift.case import file as case_file
 from drift.case.record import Case
 from drift.environment.environment import Environment
@@ -423,6 +425,21 @@ def test_figures_and_dataset_say_what_the_grid_says(tmp_path) -> None:
     begin = np.datetime64(T0 - HOUR // 2, "s")
     for share in (10, 50, 90):
         assert said[f"time_{share}"] == f"{begin + np.timedelta64(share * HOUR // 10, 's')}Z"
+    words = text.facts(said)
+    radius = said["radius_50_km"]
+    assert words["half within"] == f"{radius / 1.852:.2f} nmi ({radius:.2f} km) of it"
+    assert words["mean position"] == "50-00.0N 000-00.0E"
+    assert words["standard deviation"] == "1.62 nmi (3.00 km) east, 1.62 nmi (3.00 km) north, 2.78 h"
+    assert words["worlds"] == "5 of 10 count"
+    (row,) = csv.DictReader(io.StringIO(text.csv(said, "run-s1")))
+    for name, value in said.items():
+        assert row[name] == value if isinstance(value, str) else float(row[name]) == pytest.approx(value, rel=5e-6)
+    digits = [
+        len(cell.lstrip("-0.").replace(".", "").partition("e")[0])
+        for name, cell in row.items()
+        if name.endswith(("km", "km2", "_h", "bit"))
+    ]
+    assert max(digits) <= 6
     data = backward.dataset(release)
     assert float(data["probability"].sum()) == pytest.approx(1)
     assert data["probability"].dims == ("time", "lat", "lon")

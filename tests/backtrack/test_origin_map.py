@@ -115,7 +115,7 @@ def test_figures_are_those_of_a_normal_release(tmp_path, seen):
         away = float(said[said.index(name) + 1].split()[0])
         assert away == pytest.approx(radius, abs=1000 / NMI)
     assert "17-28.4S 179-54.0E" in said
-    assert "0.270 nmi (0.500 km), 0.25 h" in said
+    assert "0.270 nmi (0.500 km), 0.250 h" in said
     # 0.8^k an hour from half an hour before START: the time before which a share lies, linear within an hour.
     reached = np.concatenate([[0], np.cumsum(0.8 ** np.arange(12))]) / (0.8 ** np.arange(12)).sum()
     for share in (10, 50, 90):

@@ -3,10 +3,12 @@
 import itertools
 import json
 import math
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from spills import DAY, METRE, case_of, sampled, scattered, spill
 
 import drift
@@ -223,6 +225,36 @@ def test_patrols_made_as_planned_find_as_many(planned, tmp_path: Path) -> None:
     assert (folder / "out" / "patrols.png").stat().st_size > 10_000
 
 
+def test_patrols_and_stretches_for_other_programs(planned, tmp_path: Path) -> None:
+    """GPX, KML and GeoJSON hold the line of each stretch that is visited, by its id, as long as it is."""
+    plan, result, folder = planned
+    segments = result.aftermath.segments
+    visited = [(v.slot.team.name, v.segment) for _, visits in patrol_planner.by_patrol(plan) for v in visits]
+    made = {
+        form: {path.name: path for path in drift.export(folder / "out", form, tmp_path / form)}
+        for form in ("gpx", "kml", "geojson")
+    }
+    assert {"patrols.gpx", "stretches.gpx"} <= made["gpx"].keys()
+    features = json.loads(made["geojson"]["patrols.geojson"].read_text())["features"]
+    told = [(f["properties"]["patrol_unit"], f["properties"]["stretch_id"]) for f in features]
+    assert told == [(team, segments.id[s]) for team, s in visited]
+    tracks = ET.parse(made["gpx"]["patrols.gpx"]).getroot().findall("{*}trk")
+    places = ET.parse(made["kml"]["forecast.kml"]).getroot().findall(".//{*}Placemark")
+    named = {p.findtext("{*}name"): p for p in places}
+    assert [track.findtext("{*}name") for track in tracks] == [f"{team} {segments.id[s]}" for team, s in visited]
+    for track, feature, (team, s) in zip(tracks, features, visited, strict=True):
+        points = [(float(p.get("lon")), float(p.get("lat"))) for p in track.findall(".//{*}trkpt")]
+        assert abs(shapely.LineString(points).length / METRE - segments.length[s]) < 1
+        assert shapely.from_geojson(json.dumps(feature["geometry"])).length / METRE == pytest.approx(
+            segments.length[s], abs=1
+        )
+        text = named[f"{team} {segments.id[s]}"].findtext(".//{*}coordinates")
+        assert len(text.split()) == len(points)
+    stretches = ET.parse(made["gpx"]["stretches.gpx"]).getroot().findall("{*}trk")
+    touched = json.loads((folder / "out" / "washup.geojson").read_text())["features"]
+    assert [track.findtext("{*}name") for track in stretches] == [f["id"] for f in touched]
+
+
 def test_what_is_longer_than_a_teams_day_is_told(tmp_path: Path, monkeypatch) -> None:
     """Of two named stretches one is longer than the walkers' day: its length and what lies there, in all that a plan hands out."""
     from matplotlib.figure import Figure
@@ -258,7 +290,7 @@ def test_what_is_longer_than_a_teams_day_is_told(tmp_path: Path, monkeypatch) ->
     assert words[:60] in " ".join(written)
     table = (tmp_path / "out" / "patrols_left_out.csv").read_text().splitlines()
     assert len(table) == 2
-    assert table[1].startswith("walkers,21,0,Long beach,")
+    assert table[1].startswith(f"walkers,21,0,{after.segments.id[0]},Long beach,")
 
 
 WRONG = {

@@ -119,6 +119,7 @@ def test_a_range_is_told_before_the_mean_and_its_own_error(told) -> None:
 def test_stretches_are_named_by_towns_and_ranked_by_the_kilometre(told) -> None:
     """The nearest is the list's nearest by the great circle, and far away at 0 N, 0 E."""
     from drift.maps import gazetteer
+    from drift.maps.gazetteer import Near
     from geo import sphere
 
     _, folder = told
@@ -134,16 +135,16 @@ def test_stretches_are_named_by_towns_and_ranked_by_the_kilometre(told) -> None:
     names, lons, lats, _, _ = gazetteer._all()
     rng = np.random.default_rng(4)
     lon, lat = rng.uniform(-10, 6, 40), rng.uniform(36, 60, 40)
-    for x, y, (name, away) in zip(lon, lat, gazetteer.nearest(lon, lat), strict=True):
+    for x, y, near in zip(lon, lat, gazetteer.nearest(lon, lat), strict=True):
         a, b, east = np.radians(y), np.radians(lats), np.radians(lons - x)
         cos = np.sin(a) * np.sin(b) + np.cos(a) * np.cos(b) * np.cos(east)
         distance = sphere.RADIUS * np.arccos(np.clip(cos, -1, 1))
         k = int(np.argmin(distance))
-        assert away == pytest.approx(distance[k], abs=1.0)
-        assert name == names[k]
-    assert gazetteer.words("Viana", 9_400) == "near Viana"
-    assert gazetteer.words("Viana", 34_400) == "34 km from Viana"
-    assert gazetteer.words("Utrik", 2_068_000) == ""
+        assert near.away == pytest.approx(distance[k], abs=1.0)
+        assert near.name == names[k]
+    assert gazetteer.words(Near("Viana", 9_400)) == "near Viana"
+    assert gazetteer.words(Near("Viana", 34_400)) == "34 km from Viana"
+    assert gazetteer.words(Near("Utrik", 2_068_000)) == ""
 
 
 def test_finds_and_washup_go_along_to_other_programs(told, tmp_path: Path) -> None:

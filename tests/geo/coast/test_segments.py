@@ -75,6 +75,32 @@ def check(built, cut):
     assert shapely.distance(cut.lines, places).max(initial=0) < 1e-9
 
 
+def test_ids_are_the_same_in_every_domain_and_name_what_lies_there():
+    """An island whole in two boxes has the same stretches and ids; mainland cut by the edge is named by place."""
+    boxes = Box(9.5, -0.6, 11.0, 0.5), Box(9.0, -0.9, 12.0, 0.9)
+    other = rectangle(11.2, 0.3, 11.6, 0.5, 0.0099)
+    one, two = (
+        segments.cut(coast_of(shapes, box)) for shapes, box in zip(([ISLAND], [other, ISLAND]), boxes, strict=True)
+    )
+    assert len(set(two.id)) == len(two.id)
+    assert set(one.id) < set(two.id)
+    assert one.id != two.id[: len(one.id)]  # their numbers differ
+    for number, name in enumerate(one.id):
+        same = segments.placed(two, name)
+        assert (two.lon[same], two.lat[same], two.length[same]) == pytest.approx(
+            (one.lon[number], one.lat[number], one.length[number])
+        )
+    mainland = shapely.segmentize(shapely.box(5.0, -2.0, 10.4, 0.1), 0.0099)
+    boxes = Box(9.5, -0.6, 11.0, 0.5), Box(9.17, -0.83, 11.0, 0.5)
+    narrow, wide = (segments.cut(coast_of([mainland], box)) for box in boxes)
+    assert not set(narrow.id) <= set(wide.id)
+    for number, name in enumerate(narrow.id):
+        there = segments.placed(wide, name)
+        assert shapely.dwithin(wide.lines[there], shapely.Point(narrow.lon[number], narrow.lat[number]), 1e-4)
+    assert segments.placed(one, "stretch 1") is None
+    assert segments.placed(one, "u4pruydqq") is None  # Denmark
+
+
 # Cut by length
 
 
