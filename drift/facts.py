@@ -254,6 +254,7 @@ def numbers(
             **forcing_error.numbers(case.current_error, case.wind_error, case.diffusivity, case.diffusivity_by),
         },
         "effective_sample_size": end.effective,
+        **({"guide": setup.guide.numbers} if setup.guide else {}),
         "account": {status.name.lower(): float(by_status[status]) for status in Status},
         "scenario_weights": {
             s.name: {"prior": s.weight, "posterior": float(w), "prior_on_land": dry}

@@ -299,7 +299,8 @@ def made(job: Job, run: Ended) -> Result:
     if member_told is not None:
         summary |= {"members": by_member.numbers(member_told)}
     off_map = off_grid.warnings(forecast.data)
-    summary["warnings"] = particles_left.of_run(forecast.data, case.particles, updates) + off_map
+    summary["warnings"] = particles_left.of_run(forecast.data, case.particles, updates, case.contacts)
+    summary["warnings"] += off_map
     if after is not None:
         summary |= renewal.numbers(after)
         # Maps are of the same worlds: where these are few, one warning is enough.

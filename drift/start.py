@@ -29,8 +29,12 @@ from drift.particles.ensemble import Ensemble
 from drift.particles.status import Status
 from drift.posterior.beliefs import Beliefs
 from drift.posterior.source import Particles
+from drift.search import guide as guides
+from drift.search import pilot
 from drift.search.account import Noted
 from drift.search.filter import Search
+from drift.search.guide import Guide
+from drift.search.guide import Trial as Lead
 from drift.search.meeting import Meeting
 from drift.search.updates import Update
 from drift.sensors import afloat, unknown
@@ -59,6 +63,7 @@ class Setup:
     scene: Scene
     clock: Clock
     trial: Trial | None  # why "auto" chose its step
+    guide: Guide | None = None  # how finds of debris guide the particles; None: none does
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,7 +143,29 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     with closed_on_failure(setup):
         lacks = lost.lacking(where.box, ensemble, setup.scene, setup.clock)
         lost.check_prior(spec, where, case.max_lost, setup.scene, lacks)
-    return Start(**vars(setup), ensemble=ensemble, worlds=drawn_first)
+        setup = replace(setup, guide=guide_of(case, where, setup))
+        begun = Start(**vars(setup), ensemble=ensemble, worlds=drawn_first)
+        return guided(case, where, begun)
+
+
+def lead_of(case: Case, where: Environment, setup: Setup) -> Lead:
+    """Return what a run before the run goes through, by which particles are guided."""
+    return Lead(setup.spec, setup.scene, setup.clock, lambda: Forcing(list(where.scenarios), case.direction))
+
+
+def guide_of(case: Case, where: Environment, setup: Setup) -> Guide | None:
+    """Return how finds of debris guide the particles of a case; None where none does."""
+    if case.spill or case.resampling.fills or not any(contact.drifter for contact in case.contacts):
+        return None
+    return pilot.fit(lead_of(case, where, setup), case.contacts)
+
+
+def guided(case: Case, where: Environment, begin: Start) -> Start:
+    """Return a start whose particles are guided toward finds of debris, where they are."""
+    if begin.guide is None:
+        return begin
+    ensemble = guides.guide_particles(begin.guide, lead_of(case, where, begin), begin.ensemble)
+    return replace(begin, spec=begin.guide.spec(begin.spec), scene=begin.guide.scene(begin.scene), ensemble=ensemble)
 
 
 def more_bytes(case: Case) -> int:

@@ -14,6 +14,7 @@ sample   current, wind and Stokes drift at a point, from regular tiles
 coast    is it wet; where does a step first meet the shore
 features what a step may hold, as bits
 life     during which part of a step a particle moves
+guide    noise that leads particles toward what was found
 errors   Ornstein-Uhlenbeck errors, random walk, jibes
 velocity current, Stokes drift and leeway of a drifting object
 integrate  Runge-Kutta along a velocity, and its divergence

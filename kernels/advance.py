@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from kernels import batch, bundle, curve, errors, integrate, launch, life, noise, runtime, shore, sphere
+from kernels import batch, bundle, curve, errors, guide, integrate, launch, life, noise, runtime, shore, sphere
 from kernels.batch import Batch
 from kernels.coast import POLEWARD, Coast, DeviceCoast, Ints, Reals, open_sea
 from kernels.errors import Physics as Physics
@@ -28,6 +28,7 @@ from kernels.features import (
     DIVERGENCE,
     ERRORS,
     FORCING,
+    GUIDED,
     JIBE,
     LAYERS,
     MEMBERS,
@@ -70,7 +71,7 @@ OWN = {
 
 # The arguments of the kernel in groups: arrays in packs, numbers in structures.
 CoreColumns = ti.types.argpack(**CORE)
-OwnColumns = ti.types.argpack(**OWN, member_of=Ints, bend=Reals)
+OwnColumns = ti.types.argpack(**OWN, **dict.fromkeys(guide.NUDGES, Reals), member_of=Ints, bend=Reals)
 Terms = ti.types.struct(
     direction=ti.f32,  # +1 forward in time, -1 backward
     seed0=ti.u32,
@@ -99,6 +100,7 @@ def _rows(features: int) -> dict[str, dict[str, int]]:
         "trig": 2,  # cosine and sine of its latitude then
         "line": 6 * wind,  # leeway: slope and offset downwind, across to the right, across to the left
         "errors": 4 * wanders,
+        "nudge": 4 * bool(wanders and features & GUIDED),  # added to the normals of the errors
         "bias": 2,
         "error": 4,
         "log": 3,
@@ -167,6 +169,9 @@ def _muster(
             held.errors[0, j], held.errors[1, j] = own.current_error_east[i], own.current_error_north[i]
             if ti.static(features & WIND):
                 held.errors[2, j], held.errors[3, j] = own.wind_error_east[i], own.wind_error_north[i]
+            if ti.static(features & GUIDED):
+                held.nudge[0, j], held.nudge[1, j] = own.nudge_current_east[i], own.nudge_current_north[i]
+                held.nudge[2, j], held.nudge[3, j] = own.nudge_wind_east[i], own.nudge_wind_north[i]
         if ti.static(features & BIAS):
             held.bias[0, j], held.bias[1, j] = own.current_bias_east[i], own.current_bias_north[i]
         if ti.static(features & MEMBERS):
@@ -475,6 +480,7 @@ class Surroundings(NamedTuple):
     debris: int = 0
     scheme: str = "rk4"
     polar: bool = False  # whether the domain holds a pole
+    guided: bool = False  # whether the noise of its particles is nudged: kernels.guide
 
 
 def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) -> int:
@@ -499,6 +505,7 @@ def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) ->
         | DIVERGENCE * place.divergence
         | DEBRIS * (place.debris > 0)
         | POLAR * place.polar
+        | GUIDED * place.guided
         | LAYERS * any(last - first > 1 for first, last in ranges.values())
     )
 
@@ -563,6 +570,7 @@ def mover(
         launch.pack(
             OwnColumns,
             *(ensemble.own[name] for name in OWN),
+            *guide.nudges_of(ensemble.own, place.guided),
             members_of(ensemble.own, tiles),
             bend if keeps else runtime.empty(4),
         ),

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import taichi as ti
 
 from kernels import noise, sphere
-from kernels.features import BIAS, DEBRIS, DIFFUSION, ERRORS, JIBE, WIND
+from kernels.features import BIAS, DEBRIS, DIFFUSION, ERRORS, GUIDED, JIBE, WIND
 
 f32x2 = ti.types.vector(2, ti.f32)
 
@@ -72,7 +72,8 @@ def draw(
 ):
     """Draw what chance does to the particles of a bundle over their parts dt [s] of a lattice step.
 
-    held: see kernels.advance. Read: story, slot (in the whole run, the key of its noise), dt, bias. Made new: errors of
+    held: see kernels.advance. Read: story, slot (in the whole run, the key of its noise), dt, bias, and `nudge`, which is added to the normals of
+    the errors where particles are guided (kernels.guide). Made new: errors of
     current and wind, east and north [m/s], and the side. Written: `error`, the mean of those at begin and end of the
     step, with the bias, and `walk`, east and north [m], of the variance 2 D dt [m2]. table: the `Physics` of
     each scenario; terms: see kernels.advance.
@@ -109,6 +110,8 @@ def draw(
         if ti.static(features & ERRORS):
             for k in ti.static(range(2 if wind else 1)):  # the current's, the wind's
                 normal = noise.turned(held.log[1 + k, j], held.word[1 + k, j])
+                if ti.static(features & GUIDED):
+                    normal += f32x2(held.nudge[2 * k, j], held.nudge[2 * k + 1, j])
                 old = f32x2(held.errors[2 * k, j], held.errors[2 * k + 1, j])
                 new = transition(old, table[at + 2 * k], held.keep[k, j], normal)
                 for m in ti.static(range(2)):

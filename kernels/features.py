@@ -21,5 +21,6 @@ What is not asked for is not compiled.
     LAYERS,
     MEMBERS,
     POLAR,
-) = (1 << k for k in range(17))  # LAYERS: a quantity of the forcing has several tiles; POLAR: the domain holds a pole
+    GUIDED,
+) = (1 << k for k in range(18))  # LAYERS: a quantity of the forcing has several tiles; POLAR: the domain holds a pole
 FORCING = {"current": CURRENT, "wind": WIND, "stokes": STOKES}  # terms of kernels.velocity, by quantity

@@ -132,6 +132,7 @@ class Purpose(enum.IntEnum):
     TARGET = 15  # the way of a target that acts, which is followed
     PURSUIT = 16  # the cloud by which a path is judged that was planned on another
     FILLING = 17  # particles placed anew where a contact may have been; number: of the contact
+    GUIDE = 18  # how far particles are guided toward finds
 
 
 def seed_for(seed: int, purpose: Purpose, number: int = 0) -> int:

@@ -202,6 +202,7 @@ class ContactTable(fields.Table):
     speed: SpeedSeenTable | None = None
     received_level: heard.LevelTable | None = None
     frequency: heard.FrequencyTable | None = None
+    guide: bool | None = None
 
     @model_validator(mode="after")
     def one_kind(self) -> "ContactTable":
@@ -219,6 +220,8 @@ class ContactTable(fields.Table):
                 raise ValueError("false_density is of places alone; with course or speed give belief")
             if self.of is not None:
                 raise ValueError("course and speed are the object's own; leave them out of debris")
+        if self.guide is not None and (self.of is None or self.position is None):
+            raise ValueError("guide is of the position of debris (of) alone; leave it out")
         self._check_sensor()
         return self
 
@@ -291,7 +294,9 @@ class ContactTable(fields.Table):
             more |= {"speed": self.speed.value, "speed_std": self.speed.std}
         if own := more.get("heard"):
             more["heard"] = heard.measured(own, self.received_level, self.frequency)
-        contact = Contact(name, time, self.kind(), belief, self.false(), drifter=drifter, **more)
+        contact = Contact(
+            name, time, self.kind(), belief, self.false(), drifter=drifter, guide=self.guide is not False, **more
+        )
         if heard_law.asks_velocity(contact) and time == run.start:
             raise ValueError(
                 "course, speed, a frequency, and a source level by speed are those of a way; at the start of the run there is "

@@ -44,12 +44,21 @@ def forecast(numbers: dict[str, Any]) -> Facts:
         if share > 0:
             facts[status.replace("_", " ")] = notation.percent(share)
     facts |= {"errors": told} if (told := numbers["uncertainty"]["told"]) else {}
-    facts |= _search(numbers)
+    facts |= _search(numbers) | _guided(numbers)
     facts |= _lost(numbers)
     facts |= _coast(numbers)
     facts |= {"members": _members(numbers["members"])} if "members" in numbers else {}
     facts |= _stories(numbers["scenario_weights"])
     return facts | _by_axis(numbers["stories"]) if "stories" in numbers else facts
+
+
+def _guided(numbers: dict[str, Any]) -> Facts:
+    """Return toward which finds particles were guided, where any was."""
+    if "guide" not in numbers:
+        return {}
+    finds = ", ".join(f'"{name}"' for name in numbers["guide"]["finds"])
+    share = 1 - numbers["guide"]["prior_share"]
+    return {"guided": f"{share:.0%} of the particles, toward contact {finds}; weights account for it"}
 
 
 def _areas(output: dict[str, Any]) -> Facts:

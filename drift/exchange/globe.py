@@ -78,7 +78,7 @@ def release_files(run: Release) -> dict[str, bytes]:
     folder = kml.folder(document, "Release")
     for feature in areas:  # the smallest comes last, and lies on top
         told = feature["properties"]
-        percent = notation.percent(float(told["level"] or 0))
+        percent = notation.hundredths(float(told["level"] or 0))
         words = f"{run.words}. {percent} % area of {float(told['area_nmi2'] or 0):,.1f} nmi2"
         kml.place(
             folder,

@@ -38,7 +38,7 @@ def release_files(run: Release) -> dict[str, bytes]:
             words = "mean position of the release" if told["kind"] == "mean" else f"find {told.get('name', '')}"
             gpx.point(root, "wpt", *shape["coordinates"][:2], name=name, words=words, kind=told["kind"])
         elif shape["type"] == "MultiPolygon":
-            percent = notation.percent(float(told["level"] or 0))
+            percent = notation.hundredths(float(told["level"] or 0))
             words = f"{percent} % of the release, {float(told['area_nmi2'] or 0):,.1f} nmi2"
             rings = [line for polygon in shape["coordinates"] for ring in polygon for line in opened(ring)]
             lines.append((f"{percent}%", words, rings))

@@ -22,6 +22,10 @@ from kernels import prior as draws
 from kernels.advance import Physics
 
 LEEWAY = ("down_slope", "down_offset", "right_slope", "right_offset", "left_slope", "left_offset")
+ERRORS = (  # columns of errors of the forcing
+    *("current_error_east", "current_error_north", "wind_error_east", "wind_error_north"),
+    *("current_bias_east", "current_bias_north"),
+)
 COLUMNS = (
     Column("side", np.int32, 1, "", "+1 drifts to the right of the wind, -1 to the left"),
     *(

@@ -37,6 +37,7 @@ class EnsembleSpec:
     release: Release | None = None  # only of a spill
     counts: tuple[int, ...] | None = None  # particles of each scenario; None: by their weights
     members: tuple[str, ...] = ()  # what the members of an ensemble of forcings are called; empty: there is none
+    guiding: int = 0  # finds of debris toward which particles are guided: drift.search.guide
 
     @property
     def story(self) -> str:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drift.motion import models, steer
+from drift.motion import guided, models, steer
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.models import MODELS
 from drift.motion.period import Period
@@ -53,6 +53,7 @@ def layout(spec: EnsembleSpec) -> Layout:
 def empty(spec: EnsembleSpec, own: Layout, *, still: bool = False) -> Ensemble:
     """Return an ensemble of scenarios with the columns of their models, before anything is drawn; still: without these."""
     columns = (*(() if still else models.columns(spec.scenarios)), *((members.COLUMN,) if spec.members else ()))
+    columns = (*columns, *guided.columns(spec.guiding))
     return record.empty(spec.seed, own, columns)
 
 

@@ -11,7 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from drift.motion import guided
 from drift.motion.forcing import Forcing
+from drift.motion.guided import Guided
 from drift.motion.model import Group, Inside, Model, Motion, Waters
 from drift.motion.steer import Helm, Steering
 from drift.particles import life
@@ -53,6 +55,7 @@ class Scene:
     motions: tuple[Motion, ...]  # one a scenario: how it moves once it is adrift
     place: kernel.Surroundings
     steering: Steering | None = None  # how scenarios steer before that; None: none does
+    guided: Guided | None = None  # how noise is nudged toward finds; None: it is not
 
     def advance(self, ensemble: Ensemble, low: int, high: int, step: kernel.Step, keep: bool = False) -> Begin | None:
         """Move all slots over one step, in place: first what steers, each until its distress, then what is adrift.
@@ -71,6 +74,7 @@ class Scene:
             if keep
             else None
         )
+        guided.set_nudges(self.guided, ensemble, step)
         for move in moves:
             move(step)
         return begin
@@ -130,9 +134,9 @@ class Scene:
 
         Nothing steers in it: that is exact at any step.
         """
-        still = self.place._replace(beach=kernel.Beach(), sinks=False, divergence=False)
+        still = self.place._replace(beach=kernel.Beach(), sinks=False, divergence=False, guided=False)
         motions = tuple(Motion(model, model.still(terms)) for model, terms in self.motions)
-        return replace(self, motions=motions, place=still, steering=None)
+        return replace(self, motions=motions, place=still, steering=None, guided=None)
 
     def between(
         self, ensemble: Ensemble, begin: Begin, kept: Kept | None, step: kernel.Step, time: int, start: int

@@ -4,11 +4,12 @@ They share releases and errors of the forcing with the object's particles, and d
 they are last asked for. Where they are reweights the object's particles.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drift.motion import drift, models, prior
+from drift.motion import drift, guided, models, prior
 from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.leeway import Drifter
 from drift.motion.scene import Begin, Scene
@@ -17,6 +18,9 @@ from drift.search.records import Contact
 from kernels import noise
 from kernels.advance import Step
 from kernels.noise import Purpose
+
+# What debris shares with its object as both begin, besides how they are guided.
+SHARED = ("lon", "lat", "release", *drift.ERRORS)
 
 
 @dataclass
@@ -50,12 +54,20 @@ class Debris:
 
 
 def of_contacts(
-    spec: EnsembleSpec, contacts: list[tuple[int, Contact]], scene: Scene, beside: Ensemble, *, resumed: bool = False
+    spec: EnsembleSpec,
+    contacts: Sequence[tuple[int, Contact]],
+    scene: Scene,
+    beside: Ensemble,
+    *,
+    resumed: bool = False,
+    copied: bool = False,
 ) -> dict[Drifter, Debris]:
     """Return the debris that contacts tell of, by class; spec: what the objects beside it are drawn from.
 
-    resumed: whether its columns come from elsewhere, and need not be drawn.
+    resumed: whether its columns come from elsewhere, and need not be drawn. copied: whether releases and errors are
+    those of the objects beside it as they stand, rather than drawn by the same numbers: so it is where particles are guided.
     """
+    finds = 0 if scene.guided is None else scene.guided.finds
     steered = tuple(number for number, scenario in enumerate(spec.scenarios) if scenario.itinerary)
     debris: dict[Drifter, Debris] = {}
     for time, contact in contacts:
@@ -68,13 +80,15 @@ def of_contacts(
         number = len(debris) + 1
         # Debris drifts, however the object beside it moves.
         drifting = tuple(replace(s, object=drifter, model="drift", motion=None, itinerary=None) for s in spec.scenarios)
-        own = replace(spec, scenarios=drifting)
+        own = replace(spec, scenarios=drifting, guiding=finds)
         if resumed:
             ensemble = prior.empty(own, beside.layout)
         else:
             ensemble = prior.draw(own, scene.place.coast, beside.layout).ensemble
             for slots in ensemble.slots:  # coefficients of its own
                 drift.draw_leeway(ensemble, slots, noise.key(spec.seed, Purpose.DEBRIS, number), drifter)
+        if (copied or finds) and not resumed:
+            _copy_shared(ensemble, beside, finds)
         if steered and not resumed:  # it goes adrift with its object
             own_release, theirs = ensemble.release.to_numpy(), beside.release.to_numpy()
             later = np.isin(beside.scenario.to_numpy(), steered)
@@ -83,3 +97,11 @@ def of_contacts(
         moved = replace(scene, motions=models.motions(own.errors, own.scenarios), place=place, steering=None)
         debris[drifter] = Debris(ensemble, moved, time, spec.period.epoch, steered)
     return debris
+
+
+def _copy_shared(ensemble: Ensemble, beside: Ensemble, finds: int) -> None:
+    """Give debris the releases, the errors and the pulls of the objects beside it."""
+    theirs, own = beside.columns, ensemble.columns
+    pulls = [name for pair in guided.pull_names(finds) for name in pair]
+    for name in (*SHARED, *pulls):
+        own[name].from_numpy(theirs[name].to_numpy())

@@ -489,7 +489,12 @@ class Search:
             self._exposed(flown, until, keep=True)
 
     def after(self, until: int) -> None:
-        """Resample at the end of a step, if the effective particles are fewer than asked for."""
+        """Resample at the end of a step, if the effective particles are fewer than asked for.
+
+        Particles that are guided toward a find wait for it: their weights go by the noise that they are still to meet.
+        """
+        if self._scene.guided is not None and until < self._scene.guided.until:
+            return
         happened, self._happened = self._happened, False
         if self._resampling.below <= 0 or not happened:
             return

@@ -1,15 +1,21 @@
 """How many particles sorties and contacts leave, and the warnings where these are few."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from drift.forecast import effective
 from drift.forecast.effective import Count
+from drift.search.records import Contact
 from drift.search.updates import Update, Updates
+from geo.notation import NMI
 
 
-def of_run(data: Any, particles: int, updates: Updates | None) -> list[str]:
-    """Return warnings of few particles: after which update, at which outputs, and of which parts at the end."""
+def of_run(data: Any, particles: int, updates: Updates | None, contacts: Sequence[Contact] = ()) -> list[str]:
+    """Return warnings of few particles: after which update, at which outputs, and of which parts at the end.
+
+    contacts: of the case, whose errors are named where they are the cause.
+    """
     lost = [_lost(update) for update in updates.all if update.filled == "lost"] if updates else []
     placed = [update for update in updates.all if update.filled == "contact"] if updates else []
     lost += [_placed(placed[0])] if placed else []
@@ -20,8 +26,25 @@ def of_run(data: Any, particles: int, updates: Updates | None) -> list[str]:
     anew = "" if update.resampled else ", or [resampling] below = 0.05"
     when = f"{after(update)} ({Count(update.ess_before).number:,.0f} before it)"
     words = effective.sentence(low, when, "areas and shares after it are rough")
-    warning = f"{words}. Check it; else give {enough(low):,} particles or more{anew}"
+    warning = f"{words}. {_cause(update, contacts)}; else give {enough(low):,} particles or more{anew}"
     return [*lost, warning, *effective.of_run(data, particles, update.time, update.left)]
+
+
+def _cause(update: Update, contacts: Sequence[Contact]) -> str:
+    """Return what to check first: of a contact, its error."""
+    seen = next((one for one in contacts if update.kind == "contact" and one.name == update.name), None)
+    if seen is None:
+        return "Check it"
+    error = ""
+    if seen.kind == "position":
+        half = math.sqrt(2 * math.log(2) * seen.major * seen.minor)
+        error = f" ({half / NMI:.2g} nmi, which holds half of it)"
+    what = "position, time, error" if seen.kind == "position" else "time, place, error"
+    of = " and class (of)" if seen.drifter is not None else ""
+    check = f"Check its {what}{error}{of} first: a narrow error leaves few particles"
+    if seen.drifter is not None and seen.kind == "position" and not seen.guide:
+        check += "; leave out its guide = false, so that particles are guided toward it"
+    return check
 
 
 def _placed(update: Update) -> str:

@@ -153,6 +153,7 @@ class Contact:
     heard: Heard | None = None  # by which sensor of the case, whose chance of detection counts in place of zones
     area: Area | None = None
     drifter: Drifter | None = None  # how it drifts, if it is debris; None: it is the object itself
+    guide: bool = True  # whether particles may be guided toward it, if it is debris: drift.search.guide
     course: float = 0.0  # [rad] over ground, clockwise from north, with which it was seen to move
     course_std: float = 0.0  # 0: no course was seen
     speed: float = 0.0  # [m/s] over ground

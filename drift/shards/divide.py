@@ -158,7 +158,8 @@ def prepare(case: Case, where: Environment, many: int, deal: Deal | None = None)
             parts = list(deal(setup.clock, layouts))
         dry = prior.dry(spec, np.sum([tried for tried, _ in parts], axis=0), coast)
         lost.check_prior(spec, where, case.max_lost, setup.scene, lost.merged([lacks for _, lacks in parts]))
-    return Divided(replace(setup, dry=dry), whole, many)
+        guide = start.guide_of(case, where, setup)
+    return Divided(replace(setup, dry=dry, guide=guide), whole, many)
 
 
 def _sample(spec: EnsembleSpec, coast: DeviceCoast | None, whole: Layout) -> Ensemble:

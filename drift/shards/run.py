@@ -120,6 +120,7 @@ def _units(job: Job, run: Divided, kept: Work, way: _Way) -> list[Unit]:
             way.number,
             _of_shard(kept, way.since, first, last),
             way.known,
+            run.setup.guide,
         )
         for number, (part, (first, last)) in enumerate(zip(parts, itertools.pairwise(firsts), strict=True))
     ]

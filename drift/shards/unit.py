@@ -17,6 +17,7 @@ from drift.motion.spool import Reel
 from drift.particles.ensemble import Layout
 from drift.posterior.source import Particles
 from drift.search.filter import Search
+from drift.search.guide import Guide
 from drift.search.meeting import Drawn
 from drift.shards import stretch
 from drift.shards.stretch import Stop, Stretch
@@ -48,6 +49,7 @@ class Unit:
     stretch: int = 0
     since: From | None = None  # None: the run's start
     known: Mapping[int, float] | None = None  # log mean likelihoods of doubtful contacts, by their numbers
+    guide: Guide | None = None  # how its particles are guided toward finds of debris
     of: str = ""  # nothing besides the fingerprint of the run
 
     @property
@@ -85,8 +87,15 @@ class Unit:
             if self.since is None:
                 ensemble = prior.draw(spec, scene.place.coast, self.layout).ensemble
             else:
+                if self.guide is not None:
+                    spec, own = self.guide.spec(spec), self.guide.scene(own)
                 ensemble = prior.empty(spec, self.layout)
-            begin = Start(spec=spec, dry=(), scene=own, clock=self.clock, trial=None, ensemble=ensemble)
+            begin = Start(
+                spec=spec, dry=(), scene=own, clock=self.clock, trial=None, guide=self.guide, ensemble=ensemble
+            )
+            if self.since is None:
+                begin = start.guided(case, where, begin)
+            spec, own, ensemble = begin.spec, begin.scene, begin.ensemble
             read = Particles(spec, ensemble, own.steering) if start.is_believed(case) else None
             time = None if self.since is None else self.since.time
             told = Stretch(reel, state, stretch.contacts_of(spec, case.contacts), self.known or {}, time, read)
