@@ -10,8 +10,8 @@ Objects: 1 to 4 normal clouds of 3 to 12 nmi, up to 40 nmi apart, drifting with 
 near 1 cannot be beaten. A case that the file holds already is not run again. --steered: the same for targets that steer (benchmarks/steered_cases.py); --hand: with legs
 laid by hand alone, which takes a fraction of the time.
 
-Beside the plan, legs by hand are scored on the same particles: they chase the densest spot, go to and fro against the drift of what they
-chase, or draw tiny expanding squares about it. Exits 1 if anything finds more than the bound.
+Beside the plan, legs by hand are scored on the same particles (hand_patterns.py): patterns of the manuals, and legs that chase the densest spot.
+plan_hand.py compares plans with them on others. Exits 1 if anything finds more than the bound.
 """
 
 import argparse
@@ -23,6 +23,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import hand_patterns
 import numpy as np
 from moving_cases import case as moving
 from moving_cases import scaled
@@ -33,18 +34,18 @@ from steered_cases import case as steered
 from drift.case.record import Case
 from drift.job import Options, opened
 from drift.motion.scenario import Survival
-from drift.planner import availability, bound, follow, joint, optimiser, planner, rectangle
+from drift.planner import bound, follow, optimiser, planner
 from drift.planner import planning_tracks as record
 from drift.planner.planning_tracks import Tracks
 from drift.search.records import Law, PlanSpec, Unit
 from geo import sphere
 from geo.errors import UserError
-from kernels import runtime, sweeps
+from kernels import runtime
 
 NMI, HOUR = 1852.0, 3600.0
 BEGIN = np.datetime64("2026-06-20T06:00:00", "s")
 BINS = 24
-MANNERS = ("chase", "against", "squares")
+MANNERS = (*hand_patterns.DRAWN, *hand_patterns.CHASED)
 FEW = 2500  # particles on which effort is aimed
 LEAST, MOST = 1e-3, 1e2  # that it is scaled by
 HALVINGS = 6
@@ -110,81 +111,9 @@ def units_of(rng: np.random.Generator, number: int) -> list[Unit]:
 def by_hand(
     tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, manner: str, survival: Sequence[Survival | None]
 ) -> float:
-    """Return what units find in one sortie that chase the densest spot of what is left, each from leg to leg, one unit after the other."""
-    plane = record.plane(tracks)
-    x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
-    time = tracks.time - tracks.time[0]
-    swarm = optimiser._swarm(tracks, spec, survival, plane)
-    factor, weights = joint.nodes(units)
-    left, finds = tracks.weight.copy(), []
-    few = np.linspace(0, tracks.m - 1, min(tracks.m, 4000)).astype(int)
-    for u, unit in enumerate(units):
-        if unit.law.kind == "random" or unit.daylight:  # which has no legs; whose legs would have to wait for the day
-            continue
-        can = availability.of_unit(unit, spec, (plane.lon, plane.lat))
-        crew = rectangle.crew(unit, can, plane, float(tracks.time[0]), factor[u])
-        base = np.array([float(v) for v in plane.flat(*np.radians(unit.base))])
-        width, speed = crew.widest, unit.search_speed
-
-        def where(now: float, x=x, y=y, time=time, few=few) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[no-untyped-def]
-            k = min(int(np.searchsorted(time, now, side="right")) - 1, len(time) - 2)
-            part = (now - time[k]) / (time[k + 1] - time[k])
-            here = np.stack([x[k, few], y[k, few]]) * (1 - part) + np.stack([x[k + 1, few], y[k + 1, few]]) * part
-            return here, np.stack([x[k + 1, few] - x[k, few], y[k + 1, few] - y[k, few]]) / (time[k + 1] - time[k])
-
-        hope, now = left[few].copy(), float(can.leaves - tracks.time[0])
-        end = float(spec.until.astype(np.int64)) - tracks.time[0] - availability.MARGIN
-        nodes: list[tuple[float, float, float, float]] = []  # (time, x, y, whether it seeks)
-        spot = base
-        while now < end - 60:
-            here, way = where(now)
-            cell = np.floor(here / (3 * width)).astype(np.int64)
-            _, which = np.unique(cell, axis=1, return_inverse=True)
-            mass = np.bincount(which.ravel(), hope)
-            if not nodes:  # fly to the densest spot, and be there when it is
-                best = which.ravel() == int(np.argmax(mass))
-                spot = here[:, best].mean(axis=1)
-                now += float(np.hypot(*(spot - base))) / unit.transit_speed
-                if now >= end:
-                    break
-                here, _ = where(now)
-                spot, until = here[:, best].mean(axis=1), min(now + can.search, end)
-                nodes.append((now, *spot, 1.0))
-                continue
-            gone = np.hypot(
-                *(np.array([np.bincount(which.ravel(), v) for v in here]) / np.bincount(which.ravel()) - spot[:, None])
-            )
-            best = which.ravel() == int(np.argmax(mass / (gone + 3 * width)))
-            goal, flow = here[:, best].mean(axis=1), way[:, best].mean(axis=1)
-            turn = flow / max(float(np.hypot(*flow)), 1e-9)
-            legs = [goal - spot]
-            if manner == "against":
-                legs += [-6 * width * turn, np.array([-turn[1], turn[0]]) * width, 3 * width * turn]
-            elif manner == "squares":
-                legs += [
-                    r * width * np.array(d)
-                    for r, d in zip(
-                        (0.3, 0.3, 0.6, 0.6, 0.9, 0.9), ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 0), (0, 1)), strict=True
-                    )
-                ]
-            for leg in legs:
-                long = float(np.hypot(*leg))
-                share = min(1.0, (until - now) * speed / max(long, 1e-9))
-                if long * share < 1.0:
-                    continue
-                spot, now = spot + leg * share, now + long * share / speed
-                nodes.append((now, *spot, 1.0))
-                hope[np.hypot(*(where(min(now, time[-1]))[0] - spot[:, None])) < 0.7 * width] *= 0.4
-            if nodes[-1][0] < now + 1e-9 and len(legs) == 1 and float(np.hypot(*legs[0])) < 1.0:
-                now += 60.0  # it is there already
-            hope[best] *= 0.5
-            if now >= until - 1:
-                break
-        if len(nodes) > 1:
-            chance, worth = sweeps.found(swarm, crew.table, np.array(nodes), crew.width, crew.factor)
-            finds.append(joint.Find((nodes[0][0] + nodes[-1][0]) / 2, chance, worth))
-            left *= 1 - chance @ weights
-    return float(tracks.weight @ joint.worth(finds, weights)) if finds else 0.0
+    """Return what units find in one sortie laid out by hand, on the particles that it is laid out on."""
+    flights = hand_patterns.fly(tracks, units, spec, manner)
+    return float(tracks.weight @ hand_patterns.find(flights, tracks, units, spec, survival))
 
 
 def aimed(case: Case, tracks: Tracks, goal: float) -> Case:

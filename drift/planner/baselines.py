@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drift.planner import candidates, joint, rectangle
+from drift.planner import candidates, joint
 from drift.planner.candidates import Plan, Stage
 from drift.planner.records import Alternative
 from drift.planner.rectangle import Crew
@@ -14,12 +14,12 @@ from geo.array import Array
 SIZES = np.geomspace(0.4, 3.0, 12)  # sides of the square that are tried, in roots of the area that would be swept
 
 
-def by_hand(crews: Sequence[Crew], stage: Stage, whole: Stage) -> list[tuple[str, Plan]]:
+def by_hand(crews: Sequence[Crew], stage: Stage) -> list[tuple[str, Plan]]:
     """Return the plan of manuals: the best square round the mean position, divided into strips by effort."""
     able, times = [], []
     for crew in crews:
         start, duration = crew.available.slot(crew.available.arrival(crew.plane.lon, crew.plane.lat))
-        if duration >= rectangle.SHORTEST:
+        if duration >= crew.shortest:
             able.append((crew, float(duration) * crew.unit.search_speed))
             times.append(float(start - crew.zero + duration / 2))
     if not able:
@@ -42,7 +42,7 @@ def by_hand(crews: Sequence[Crew], stage: Stage, whole: Stage) -> list[tuple[str
         strips_plan: Plan = [choice if choice.flown.possible[0] else None for choice in strips]
         sizes.append((candidates.value(strips_plan, stage), strips_plan))
     best = max(sizes, key=lambda candidate: candidate[0])[1]
-    return [("one square round the mean position, shared out by effort", candidates.at_stage(best, whole))]
+    return [("one square round the mean position, shared out by effort", best)]
 
 
 def alternative(name: str, other_plan: Plan, gain: Array, stage: Stage) -> Alternative:

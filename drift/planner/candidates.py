@@ -142,8 +142,10 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
     crew, flown, unit = choice.crew, choice.flown, choice.crew.unit
     laid = rectangle.laid(crew, choice.row, flown, 0)
     spacing, length, width = (float(v[0]) for v in (flown.spacing, flown.length, flown.width))
-    legs, cut = laid.pattern.legs, tuple[int, ...]()
+    legs, cut = rectangle.legs_of(crew, choice.row, flown, 0), tuple[int, ...]()
     searched = Swept(laid.centre, length, width, laid.turn, int(flown.legs[0]), 0, 1.0)
+    if not crew.manner.plain:
+        searched = _held(choice, laid.turn)
     start = float(legs.time[0])
     if flown.sailed[0] is not None:
         (sailed,) = rectangle.cut(crew, [laid])
@@ -168,7 +170,7 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
         coverage=coverage if crew.random else (),
         coverage_under_way=under_way if crew.random else (), legs=None if crew.random else legs,
         speed=unit.search_speed, altitude=unit.altitude, spacing=spacing,
-        crossed=not crew.random and flown.sailed[0] is None, planned=True,
+        crossed=not crew.random and flown.sailed[0] is None and crew.manner.pattern == "parallel", planned=True,
     )  # fmt: skip
     ends = [(legs.lon[k], legs.lat[k]) for k in (0, -1)]
     ways: tuple[tuple[LonLat, ...], tuple[LonLat, ...]] = ((), ())
@@ -184,5 +186,19 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
         unit=unit, round=1, sortie=sortie, takeoff=takeoff, on_scene=sortie.start, off_scene=sortie.end, home=home,
         centre=searched.centre, length=searched.length, width=searched.width, orientation=searched.orientation,
         creep=(searched.orientation - laid.corner[1] * math.pi / 2) % (2 * math.pi), spacing=spacing,
-        legs=searched.legs, pos=pos, out=ways[0], back=ways[1], cut=cut, swept=searched.share,
+        legs=searched.legs, pos=pos, out=ways[0], back=ways[1], cut=cut, swept=searched.share, manner=crew.manner,
     )  # fmt: skip
+
+
+def _held(choice: Choice, turn: float) -> Swept:
+    """Return the rectangle that holds a pattern and what its outer legs sweep, with the legs that are flown."""
+    crew, flown = choice.crew, choice.flown
+    nodes = rectangle.path(crew, choice.row, flown, 0)
+    parallel = crew.manner.pattern == "parallel"
+    margin = 0.0 if crew.manner.pattern == "sector" else float(flown.spacing[0])
+    legs = int(flown.legs[0]) if parallel else len(nodes) - 1
+    sin, cos = math.sin(turn), math.cos(turn)
+    along, across = nodes[:, 1] * sin + nodes[:, 2] * cos, nodes[:, 1] * cos - nodes[:, 2] * sin
+    (a, c), (length, width) = (((v.max() + v.min()) / 2 for v in (along, across)), (np.ptp(v) for v in (along, across)))
+    lon, lat = (math.degrees(float(v)) for v in crew.plane.round(a * sin + c * cos, a * cos - c * sin))
+    return Swept((lon, lat), float(length) + margin, float(width) + margin, turn, legs, 0, 1.0)

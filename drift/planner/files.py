@@ -200,6 +200,8 @@ def _is_parallel(tasking: Tasking) -> bool:
     assert legs is not None
     start = search_shapes.epoch(tasking.sortie.start)
     size = tasking.length, tasking.width, tasking.orientation, tasking.spacing
+    if not tasking.manner.plain:
+        return False
     for corner in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
         try:
             pattern = patterns.parallel(tasking.centre, *size, start, tasking.unit.search_speed, corner).legs

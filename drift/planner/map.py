@@ -208,7 +208,9 @@ def line(ax: Axes, frame: Frame, points: Array, style: dict[str, Any], zorder: f
 
 
 def creep(ax: Axes, frame: Frame, tasking: Tasking) -> None:
-    """Draw an arrow in the direction of creep in the middle of a sub-area."""
+    """Draw an arrow in the direction of creep in the middle of a sub-area, where parallel legs creep."""
+    if tasking.manner.pattern != "parallel":
+        return
     reach = 0.22 * tasking.width
     ends = []
     for sign in (-1, 1):
@@ -317,9 +319,16 @@ def _panel(figure: Figure, plan: Plan) -> None:
         say(f"{extent} {along}, {notation.number(tasking.unit.search_speed / KNOT)} kn")
         if tasking.sortie.legs is not None:
             say(f"CSP {notation.position(*subareas.begin(tasking))}")
-            spacing, creep = tasking.spacing / NMI, subareas.degrees(tasking.creep)
+            apart = (
+                f"{plan_text.SPACING.get(tasking.manner.pattern, 'spacing').lower()} {tasking.spacing / NMI:.2f} nmi"
+            )
             many = f"{tasking.legs} leg{'s' * (tasking.legs != 1)}"
-            say(f"{many}, spacing {spacing:.2f} nmi, creep {creep:03d}T", 1.35)
+            if tasking.manner.pattern == "parallel":
+                say(f"{many}, {apart}, creep {subareas.degrees(tasking.creep):03d}T", 1.0 + 0.35 * tasking.manner.plain)
+            else:
+                say(f"{many}, {apart}")
+            if not tasking.manner.plain:
+                say(subareas.pattern(tasking), 1.35)
         else:
             say(f"centre {notation.position(*tasking.centre)}", 1.35)
     if not plan.taskings:

@@ -3,7 +3,8 @@
 Each unit in turn gets the rectangle that adds most to what the others find (block-coordinate ascent), again and again,
 from several beginnings. A rectangle is searched for among many drawn where the particles are, then around the best of
 them in ever smaller steps (an evolution strategy): first with its legs smeared out, on few particles, then with its
-legs as flown, on many.
+legs as flown, on many. So are patterns that a planner would draw by hand (drift.planner.drawn): beside that plan, and as
+a plan of their own. Which of all these plans is proposed is decided on particles that none of them was made on.
 """
 
 import math
@@ -13,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drift.motion.scenario import Survival
-from drift.planner import availability, baselines, bound, candidates, joint, rectangle
+from drift.planner import availability, baselines, bound, candidates, drawn, joint, rectangle
 from drift.planner import planning_tracks as record
 from drift.planner.candidates import Choice, Plan, Stage
 from drift.planner.courses import Course
@@ -36,7 +37,7 @@ PATIENCE = 5e-3  # share of what is found that an hour of waiting must add
 PRICES = (0.0, 0.1, 0.3, 1.0)  # prices of being too near to another unit, used one after the other
 NEAR = 0.998  # a new rectangle that saves waiting may lower the plan's worth to this share
 FILLED = 0.9  # a boat that uses less of its search time is tasked anew
-SLACK = rectangle.SHORTEST  # [s] waiting leaves at least this time for search
+JUDGES = 3  # every so many-th particle, in the order of strata, takes no part in making plans but in choosing one
 CHILDREN, PARENTS = 96, 12  # rectangles in each generation
 
 
@@ -74,27 +75,49 @@ def plan(
         swarm = _swarm(sampled, spec, survival, plane)
         return Stage(sampled.m, swarm, sampled.weight, nodes, executed, spec.separation)
 
-    coarse_tracks = record.coarser(tracks, BINS if tracks.turn is None else STEERED)
-    coarse, finer = (stage(record.sample(coarse_tracks, min(tracks.m, n)), False) for n in (FEW, MORE))
+    making, judging = _parted(tracks)
+    coarse_tracks = record.coarser(making, BINS if tracks.turn is None else STEERED)
+    coarse, finer = (stage(record.sample(coarse_tracks, min(making.m, n)), False) for n in (FEW, MORE))
     starts = _begun(crews, coarse, spec.separation > 0, rng, tell)
     smeared = _polished([start for _, start in starts[:6]], crews, finer, rng)
+    tell(0.6)
+    few, executed = (stage(record.sample(making, min(making.m, n)), True) for n in (FEW, MANY))
+    judge, full = stage(judging, True), stage(tracks, True)
+    made = _as_flown(smeared, crews, executed, rng)
     tell(0.7)
-    executed, full = stage(record.sample(tracks, min(tracks.m, MANY)), True), stage(tracks, True)
-    best = _as_flown(smeared, crews, executed, rng)
+    improved = _hand_drawn(candidates.at_stage(made, executed), crews, few, executed, rng)
+    tell(0.8)
+    by_hand = _hand_drawn([None] * len(crews), crews, few, executed, rng)
     tell(0.9)
-    best = candidates.at_stage(best, full)
+    best = max(
+        (candidates.at_stage(one, judge) for one in (made, improved, by_hand)),
+        key=lambda one: candidates.value(one, judge),
+    )
     if not any(best):
         return Proposal((), 0.0, ())
     alone = _alone(crews, coarse, executed, rng)
-    ignoring = [("each unit where it alone finds most, ignoring the others", candidates.at_stage(alone, full))]
-    others = [*(ignoring if len(crews) > 1 else []), *baselines.by_hand(crews, executed, full)]
-    for _, rival in others:
-        best = _better(best, rival, crews, executed, full, rng)
-    chosen = [choice for choice in best if choice is not None]
+    ignoring = [("each unit where it alone finds most, ignoring the others", alone)]
+    drawn_by_hand = ("patterns drawn by hand, one unit after the other", by_hand)
+    others = [*(ignoring if len(crews) > 1 else []), *baselines.by_hand(crews, executed), drawn_by_hand]
+    for _, rival in others[:-1]:
+        best = _better(best, candidates.at_stage(rival, judge), crews, executed, judge, rng)
+    chosen = [choice for choice in candidates.at_stage(best, full) if choice is not None]
     gain = joint.worth([choice.find for choice in chosen], nodes)
-    alternatives = tuple(baselines.alternative(name, rival, gain, full) for name, rival in others)
+    alternatives = tuple(
+        baselines.alternative(name, candidates.at_stage(rival, full), gain, full) for name, rival in others
+    )
     tell(1.0)
     return Proposal(candidates.taskings(chosen, full), float(tracks.weight @ gain), alternatives)
+
+
+def _parted(tracks: Tracks) -> tuple[Tracks, Tracks]:
+    """Return the tracks on which plans are made, and those on which one is chosen; both are as all of them are."""
+    strata = record.order(tracks)
+    judges = np.arange(tracks.m) % JUDGES == JUDGES // 2
+    making, judging = (np.sort(strata[some]) for some in (~judges, judges))
+    if not tracks.weight[making].sum() > 0 or not tracks.weight[judging].sum() > 0:
+        return tracks, tracks
+    return record.take(tracks, making, tracks.weight[making]), record.take(tracks, judging, tracks.weight[judging])
 
 
 def _crews(
@@ -180,21 +203,37 @@ def _filled(choice: Choice | None) -> float:
     return float(flown.duration[0]) / float(room)
 
 
-def _better(plan: Plan, rival: Plan, crews: list[Crew], executed: Stage, full: Stage, rng: np.random.Generator) -> Plan:
-    """Return the better of a plan and what becomes of a rival in which units need not keep apart.
+def _hand_drawn(plan: Plan, crews: list[Crew], few: Stage, executed: Stage, rng: np.random.Generator) -> Plan:
+    """Return a plan in which each unit, the strongest first, flies a pattern drawn by hand where that finds more."""
+    best = list(plan)
+    for u in _order(crews, rng, 0):
+        others = [*best[:u], None, *best[u + 1 :]]
+        for choice in drawn.best(best, u, crews[u], few, executed):
+            tried: Plan = [*others[:u], choice, *others[u + 1 :]]
+            if not choice.flown.possible[0] or not candidates.apart(tried, executed):
+                continue
+            settled = _settle(tried, u, crews, executed, rng, 2)
+            best = max([best, settled], key=lambda one: candidates.value(one, executed))
+    return best
 
-    Where the rival finds more of all particles its best sorties stay, those too near to them are tasked anew, and all
-    are improved. The plan is never worse on these particles than a rival that may be flown.
+
+def _better(
+    plan: Plan, rival: Plan, crews: list[Crew], executed: Stage, judge: Stage, rng: np.random.Generator
+) -> Plan:
+    """Return the better of a plan and what becomes of a rival in which units need not keep apart, as found by judges.
+
+    Where the rival finds more its best sorties stay, those too near to them are tasked anew, and all are improved. The
+    plan is never worse on the judges' particles than a rival that may be flown.
     """
-    if candidates.value(rival, full) <= candidates.value(plan, full):
+    if candidates.value(rival, judge) <= candidates.value(plan, judge):
         return plan
     kept: Plan = [None] * len(crews)
-    alone = [0.0 if choice is None else candidates.value([choice], full) for choice in rival]
+    alone = [0.0 if choice is None else candidates.value([choice], judge) for choice in rival]
     for u in np.argsort(alone)[::-1].tolist():
         tried: Plan = [*kept[:u], rival[u], *kept[u + 1 :]]
-        kept = tried if candidates.apart(tried, full) else kept
-    improved = candidates.at_stage(_as_flown(kept, crews, executed, rng), full)
-    return max([plan, kept, improved], key=lambda made: candidates.value(made, full))
+        kept = tried if candidates.apart(tried, judge) else kept
+    improved = candidates.at_stage(_as_flown(kept, crews, executed, rng), judge)
+    return max([plan, kept, improved], key=lambda made: candidates.value(made, judge))
 
 
 def _alone(crews: list[Crew], coarse: Stage, executed: Stage, rng: np.random.Generator) -> Plan:
@@ -259,8 +298,10 @@ def _improve(
 
 
 def _settle(current: Plan, u: int, crews: Sequence[Crew], stage: Stage, rng: np.random.Generator, times: int) -> Plan:
-    """Return the plan with unit u's rectangle moved a little and begun at its best corner."""
-    score, rows, present = _scorer(current, u, crews[u], stage, lambda left: np.empty((0, 8)))
+    """Return the plan with unit u's rectangle, or its pattern, moved a little and begun at its best corner."""
+    present = current[u]
+    crew = crews[u] if present is None else present.crew
+    score, rows, present = _scorer(current, u, crew, stage, lambda left: np.empty((0, 8)))
     if len(rows) == 0:
         return current
     rows = np.repeat(rows, 4, axis=0)
@@ -269,9 +310,9 @@ def _settle(current: Plan, u: int, crews: Sequence[Crew], stage: Stage, rng: np.
     for turn in range(times):
         keep = np.argsort(-scores, kind="stable")[:4]
         rows, scores = rows[keep], scores[keep]
-        children = _vary(rows[rng.integers(len(rows), size=24)], crews[u], rng, 0.25 * 0.5**turn)
+        children = _vary(rows[rng.integers(len(rows), size=24)], crew, rng, 0.25 * 0.5**turn)
         rows, scores = np.concatenate([rows, children]), np.concatenate([scores, score(children)])
-    return _accept(current, u, crews[u], stage, rows, scores, present)
+    return _accept(current, u, crew, stage, rows, scores, present)
 
 
 def _scorer(
@@ -347,7 +388,7 @@ def _draw(crew: Crew, stage: Stage, undetected: Array, rng: np.random.Generator,
     i = np.minimum(np.searchsorted(share, rng.random(count)), stage.m - 1)
     x, y = (v.reshape(stage.m, edges) for v in (stage.swarm.x, stage.swarm.y))
     arrival = crew.available.arrival(*crew.plane.round(x[i, edges // 2], y[i, edges // 2]))
-    slack = np.maximum(crew.available.spans[-1][1] - SLACK - arrival, 0.0)
+    slack = np.maximum(crew.available.spans[-1][1] - crew.shortest - arrival, 0.0)
     wait = np.where(rng.random(count) < 0.5, 0.0, rng.random(count) * slack)
     start, duration = crew.available.slot(arrival + wait)
     middle = np.clip(np.searchsorted(stage.swarm.time, start - crew.zero + duration / 2) - 1, 0, edges - 1)
@@ -379,6 +420,9 @@ def _vary(rows: Array, crew: Crew, rng: np.random.Generator, size: float) -> Arr
     varied[:, SPACING] = np.maximum(varied[:, SPACING] + 0.3 * step[:, 3], math.log(max(crew.unit.least_spacing, 1.0)))
     varied[:, ASPECT] += 0.5 * step[:, 4]
     varied[:, WAIT] = np.maximum(varied[:, WAIT] + 5400.0 * step[:, 5], 0.0)
+    later = varied[:, WAIT] - rows[:, WAIT]  # by when a frame that drifts has gone on
+    varied[:, X] += crew.manner.east * later
+    varied[:, Y] += crew.manner.north * later
     varied[:, ALONG] *= np.where(rng.random(count) < 0.1, -1, 1)
     varied[:, ACROSS] *= np.where(rng.random(count) < 0.1, -1, 1)
     return varied

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drift.forecast.effective import Count
+from drift.planner.manners import PLAIN, Manner
 from drift.search.records import PlanSpec, Sortie, Unit
 from geo.array import Array
 from geo.polyline import LonLat
@@ -12,7 +13,7 @@ from geo.polyline import LonLat
 
 @dataclass(frozen=True)
 class Tasking:
-    """One sortie of a plan: a sub-area searched by parallel tracks."""
+    """One sortie of a plan: a sub-area searched by parallel tracks, an expanding square or sectors."""
 
     unit: Unit
     round: int  # from 1: planned on the failure of the rounds before
@@ -25,9 +26,9 @@ class Tasking:
     length: float  # [m] along the legs; of legs cut at the coast the area is what they search
     width: float  # [m] across them
     orientation: float  # [rad] of the legs, clockwise from north
-    creep: float  # [rad] direction in which the legs follow each other, clockwise from north
-    spacing: float  # [m] between tracks
-    legs: int  # those that are counted, which are not the cross legs between them
+    creep: float  # [rad] direction in which parallel legs follow each other, clockwise from north
+    spacing: float  # [m] between tracks; of a sector search its radius
+    legs: int  # those that are counted, which are not the cross legs between parallel ones
     pos: float  # probability that it finds the object, given that all before it in the plan failed
     out: tuple[LonLat, ...] = ()  # a boat's way by sea to where it commences [deg]; (): straight from its base
     back: tuple[LonLat, ...] = ()  # and from where its search ends
@@ -35,6 +36,7 @@ class Tasking:
     swept: float = 1.0  # share of the sub-area's sea that its legs search, cut as they are
     pos_ashore: float = 0.0  # the part of pos that is of what lies ashore as it ends
     waits: str = ""  # why it searches later than it could, if it does
+    manner: Manner = PLAIN  # its pattern, and the frame that this is laid in
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,11 @@ class Alternative:
     difference: float  # plan - alternative
     standard_error: float  # of the difference
     apart: bool = True  # whether it keeps the separation that the plan keeps
+
+    @property
+    def same(self) -> bool:
+        """Whether it finds just the same of every particle: it is the plan."""
+        return self.difference == 0 and self.standard_error == 0
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
-"""Rectangles that a unit can search by parallel sweeps: from free numbers to what is flown.
+"""Rectangles that a unit can search by parallel sweeps, and what is laid in their place: from free numbers to what is flown.
 
 A rectangle is a row (x, y, orientation, log spacing, log of length over width, wait, along, across): centre [m] on the
 plane, orientation [rad], seconds waited beyond the earliest arrival, and the corner of commencement (-1 or 1 each, as
 drift.search.patterns). Legs are whole: n legs of L - S and n - 1 cross legs of S are n L - S of track, which the search
-time fills.
+time fills. Of a square or a sector search the centre is its datum and the corner its hand. Where a crew's manner drifts,
+the centre is where the frame is when the search begins.
 """
 
 import math
@@ -13,18 +14,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drift.planner import courses
+from drift.planner import courses, manners
 from drift.planner.availability import Availability
 from drift.planner.courses import Course, Sailed
+from drift.planner.manners import PLAIN, Manner
 from drift.planner.planning_tracks import Plane
 from drift.search import laws, patterns
 from drift.search.patterns import Pattern
 from drift.search.records import Unit
+from geo import polyline
 from geo.array import Array
 from geo.polyline import Legs
 
 X, Y, TURN, SPACING, ASPECT, WAIT, ALONG, ACROSS = range(8)
-SHORTEST = 600.0  # [s] of search that is worth a sortie
+SHORTEST = 600.0  # [s] of search that is worth a sortie, of a unit that can search for longer
 CLEAR = 300.0  # [s] that an area must have been left before one beside it is searched
 SLIMMEST = 2.0  # a leg's rectangle is at least so many spacings long
 LEAST_SEA = 0.3  # least share of a boat's rectangle that is sea
@@ -47,11 +50,17 @@ class Crew:
     curve: Array  # b at multiples of STEP of coverage
     table: Array | None  # lateral range curve of a law without a rate: range / W, chance, ...; None: it has a rate
     course: Course | None = None  # of a boat near land; None: straight on
+    manner: Manner = PLAIN  # how it lays its legs
 
     @property
     def random(self) -> bool:
         """Whether it searches at random, without legs."""
         return laws.of(self.unit.law).detects == "anywhere"
+
+    @property
+    def shortest(self) -> float:
+        """The shortest search that is worth its sortie [s]: all of its time, where that is short."""
+        return min(SHORTEST, self.available.search)
 
     @property
     def widest(self) -> float:
@@ -82,6 +91,7 @@ class Sweeps(NamedTuple):
     width: Array
     possible: Array  # bool
     sailed: Array  # of objects: nodes of a boat's legs, cut at the coast, as `path` returns them; None: they are whole
+    moved: Array  # [m] (c, 2) by which the frame goes east and north while they are searched
 
 
 def fly(crew: Crew, rows: Array, corner: bool = False) -> Sweeps:
@@ -89,21 +99,24 @@ def fly(crew: Crew, rows: Array, corner: bool = False) -> Sweeps:
 
     corner: times by where they commence, not by their centres.
     """
-    spacing = np.exp(rows[:, SPACING])
+    manner, spacing = crew.manner, np.exp(rows[:, SPACING])
     x, y = rows[:, X], rows[:, Y]
-    legs = length = np.zeros(len(rows))
+    legs = length = width = np.zeros(len(rows))
     start, duration = legs, legs
     for turn in range(3 if corner else 1):
-        if turn:
+        if turn and manner.pattern == "parallel":
             x, y = commence(rows, length, spacing, legs)
         start, duration = crew.available.slot(crew.available.arrival(*crew.plane.round(x, y)) + rows[:, WAIT])
         track = crew.unit.search_speed * duration
         if not turn:
-            legs = np.maximum(np.rint(np.sqrt(track / (np.exp(rows[:, ASPECT]) * spacing))), 1)
-        length = (track + spacing) / legs
-    possible = (duration >= SHORTEST) & (length >= SLIMMEST * spacing) & (spacing >= crew.unit.least_spacing)
+            ratio = np.exp(rows[:, ASPECT])
+            legs, spacing, length, width = manners.PATTERNS[manner.pattern].size(track, spacing, ratio)
+        if manner.pattern == "parallel":
+            length = (track + spacing) / legs
+    possible = (duration >= crew.shortest) & (length >= SLIMMEST * spacing) & (spacing >= crew.unit.least_spacing)
     none = np.full(len(rows), None, object)
-    flown = Sweeps(start - crew.zero, duration, legs, spacing, length, legs * spacing, possible, none)
+    moved = np.outer(duration, [manner.east, manner.north])
+    flown = Sweeps(start - crew.zero, duration, legs, spacing, length, width, possible, none, moved)
     return _at_sea(crew, rows, flown, corner)
 
 
@@ -117,6 +130,12 @@ def _at_sea(crew: Crew, rows: Array, flown: Sweeps, sailed: bool) -> Sweeps:
     possible = flown.possible & (share(crew, rows, flown) >= LEAST_SEA)
     flown = flown._replace(possible=possible)
     if not sailed or crew.random:
+        return flown
+    if not crew.manner.plain:
+        for k in np.flatnonzero(possible):
+            legs = legs_of(crew, rows[k], flown, int(k))
+            clear = not courses.crosses(crew.course, np.array(legs.lon), np.array(legs.lat))
+            possible[k] = clear and _in_time(crew, flown, legs, int(k))
         return flown
     flown = Sweeps(*(np.array(values) for values in flown))
     cross = []
@@ -145,7 +164,7 @@ def _sail(crew: Crew, rows: Array, flown: Sweeps, which: list[int]) -> None:
     flown: changed in place; a rectangle of which no length fits becomes impossible. which: numbers of rectangles.
     """
     whole = flown._replace(length=flown.length.copy())
-    most = np.full(len(rows), SHORTEST)
+    most = np.full(len(rows), crew.shortest)
     flown.possible[which] = False
     for _ in range(FITS):
         which = [k for k in which if whole.length[k] >= SLIMMEST * flown.spacing[k]]
@@ -192,6 +211,14 @@ def laid(crew: Crew, row: Array, flown: Sweeps, k: int) -> Laid:
     start, size = math.ceil(crew.zero + float(flown.start[k])), (float(flown.length[k]), float(flown.width[k]))
     spacing, speed = float(flown.spacing[k]), crew.unit.search_speed
     return Laid((lon, lat), turn, corner, patterns.parallel((lon, lat), *size, turn, spacing, start, speed, corner))
+
+
+def legs_of(crew: Crew, row: Array, flown: Sweeps, k: int) -> Legs:
+    """Return the legs of search k on the sphere, before any is cut at the coast, in whole seconds to begin with."""
+    if crew.manner.plain:
+        return laid(crew, row, flown, k).pattern.legs
+    nodes = path(crew, row, flown, k)
+    return polyline.through(crew.zero + nodes[:, 0], *np.degrees(crew.plane.round(nodes[:, 1], nodes[:, 2])))
 
 
 def cut(crew: Crew, whole: Sequence[Laid]) -> list[Sailed | None]:
@@ -244,21 +271,27 @@ def path(crew: Crew, row: Array, flown: Sweeps, k: int) -> Array:
     """
     if flown.sailed[k] is not None:
         return np.asarray(flown.sailed[k])
-    legs, spacing = int(flown.legs[k]), float(flown.spacing[k])
-    half = (float(flown.length[k]) - spacing) / 2
-    ends = np.where(np.arange(legs) % 2 == 0, half, -half) * row[ALONG]
-    along = np.column_stack([ends, -ends]).ravel()
-    across = np.repeat((np.arange(legs) - (legs - 1) / 2) * -row[ACROSS] * spacing, 2)
+    legs, spacing, manner, speed = int(flown.legs[k]), float(flown.spacing[k]), crew.manner, crew.unit.search_speed
+    pattern = manners.PATTERNS[manner.pattern]
+    along, across = pattern.points(legs, spacing, float(flown.length[k]), float(row[ALONG]), float(row[ACROSS]))
     sin, cos = math.sin(row[TURN]), math.cos(row[TURN])
+    x, y, start = row[X] + along * sin + across * cos, row[Y] + along * cos - across * sin, float(flown.start[k])
+    if not manner.plain:
+        whole = math.ceil(crew.zero + start) - crew.zero
+        return manners.ground(x, y, manner, whole, float(flown.duration[k]), speed)
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(along), np.diff(across)))])
-    return np.column_stack(
-        [
-            float(flown.start[k]) + way / crew.unit.search_speed,
-            row[X] + along * sin + across * cos,
-            row[Y] + along * cos - across * sin,
-            np.ones(2 * legs),
-        ]
-    )
+    return np.column_stack([start + way / speed, x, y, np.ones(2 * legs)])
+
+
+def hull(rows: Array, flown: Sweeps) -> tuple[Array, Array]:
+    """Return (centre, half of the sides) [m], (2, c) each, of rectangles that hold what is searched all along.
+
+    Their orientation is that of the rows, sides are along it and across it.
+    """
+    sin, cos = np.sin(rows[:, TURN]), np.cos(rows[:, TURN])
+    east, north = flown.moved.T
+    side = np.stack([flown.length + np.abs(east * sin + north * cos), flown.width + np.abs(east * cos - north * sin)])
+    return np.stack([rows[:, X] + east / 2, rows[:, Y] + north / 2]), side / 2
 
 
 def apart(rows: Array, flown: Sweeps, row: Array, other: Sweeps) -> Array:
@@ -267,10 +300,9 @@ def apart(rows: Array, flown: Sweeps, row: Array, other: Sweeps) -> Array:
     Where they overlap it is minus the way that would part them.
     """
     sin, cos = np.sin(rows[:, TURN]), np.cos(rows[:, TURN])
-    half = np.stack([flown.length, flown.width]) / 2
-    own = np.array([math.sin(row[TURN]), math.cos(row[TURN])])
-    size = np.array([float(other.length[0]), float(other.width[0])]) / 2
-    dx, dy = row[X] - rows[:, X], row[Y] - rows[:, Y]
+    (centre, half), (place, beside) = hull(rows, flown), hull(row[None, :], other)
+    own, size = np.array([math.sin(row[TURN]), math.cos(row[TURN])]), beside[:, 0]
+    dx, dy = place - centre
     # Corners of each in the other's own directions: along, across.
     nearest = np.full(len(rows), np.inf)
     deepest = np.full(len(rows), -np.inf)  # gap along the direction that parts them most: separating axes

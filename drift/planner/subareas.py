@@ -9,6 +9,7 @@ import numpy as np
 
 from drift.forecast import likeliest
 from drift.forecast.effective import Count
+from drift.planner import manners
 from drift.planner.records import Plan, Tasking
 from drift.search import laws, patterns
 from drift.search import shapes as search_shapes
@@ -52,6 +53,24 @@ def corners(tasking: Tasking) -> list[tuple[float, float]]:
     apart = [float(sphere.distance(*np.radians(corner), *np.radians(start))) for corner in corners]
     k = int(np.argmin(apart)) if tasking.sortie.legs is not None else 0
     return corners[k:] + corners[:k]
+
+
+def pattern(tasking: Tasking) -> str:
+    """Return what a tasking's pattern is called, and how fast its frame drifts."""
+    manner, words = tasking.manner, manners.PATTERNS[tasking.manner.pattern].words
+    if not manner.moves:
+        return words
+    return f"{words}, drifting {drift(tasking) / KNOT:.1f} kn toward {degrees(toward(tasking)):03d}T"
+
+
+def drift(tasking: Tasking) -> float:
+    """Return how fast [m/s] the frame of a tasking's pattern drifts."""
+    return math.hypot(tasking.manner.east, tasking.manner.north)
+
+
+def toward(tasking: Tasking) -> float:
+    """Return the direction [rad], clockwise from north, in which the frame of a tasking's pattern drifts."""
+    return math.atan2(tasking.manner.east, tasking.manner.north)
 
 
 def begin(tasking: Tasking) -> tuple[float, float]:
@@ -163,12 +182,15 @@ def widths(tasking: Tasking, under_way: bool = False) -> Array:
 def coverages(tasking: Tasking, under_way: bool = False) -> Array:
     """Return the coverage of the sub-area by scenario, W / S, as its crews would compute it.
 
-    Of legs cut at the coast it is W times the track that searches over the sea in the sub-area.
+    Of legs cut at the coast it is W times the track that searches over the sea in the sub-area, of a sector search W
+    times its track over its circle.
     """
     sortie = tasking.sortie
     if sortie.coverage:
         return np.array(sortie.coverage_under_way if under_way and sortie.coverage_under_way else sortie.coverage)
     width = widths(tasking, under_way)
+    if tasking.manner.pattern == "sector":
+        return np.asarray(width * track_length(tasking) / (math.pi * tasking.spacing**2))
     return tasking.swept * width / tasking.spacing if tasking.spacing > 0 else np.zeros(len(width))
 
 
@@ -243,6 +265,9 @@ def _tasking(plan: Plan, name: str, tasking: Tasking) -> dict[str, Any]:
         "length_nmi": tasking.length / NMI,
         "width_nmi": tasking.width / NMI,
         "orientation_deg": math.degrees(tasking.orientation) % 360,
+        "pattern": tasking.manner.pattern,
+        "drift_kn": drift(tasking) / KNOT,
+        "drift_toward_deg": math.degrees(toward(tasking)) % 360,
         "creep_deg": math.degrees(tasking.creep) % 360,
         "spacing_nmi": tasking.spacing / NMI,
         "legs": tasking.legs,

@@ -23,8 +23,8 @@ LONG_WAIT = 0.5  # [h]; of a longer wait the crew reads the reason
 TOLD_ASHORE = 0.005  # probability from which what lies ashore is told of
 OPTIMISTIC = 0.02  # by how much a plan may score better on its own particles without a warning
 OBJECTIVES = {"pos": "detect the object", "alive": "detect the object while alive"}
-PATTERN = "parallel sweep (PS)"
 EXPECTED = "Expected POD"
+SPACING = {"sector": "Radius"}  # what the spacing of a pattern is called
 STATES = ("adrift", "under way")
 
 
@@ -185,13 +185,15 @@ def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
         ("Size", f"{size} nmi, length along {_both(tasking.orientation)}"),
     ]
     if sortie.legs is not None:
-        many = f"{tasking.legs} leg{'s' * (tasking.legs != 1)} {'in pieces of up to' if tasking.cut else 'of'}"
+        lengths = "in pieces of up to" if tasking.cut else "of" if tasking.manner.plain else "of up to"
+        many = f"{tasking.legs} leg{'s' * (tasking.legs != 1)} {lengths}"
+        parallel = tasking.manner.pattern == "parallel"
         rows += [
-            ("Pattern", PATTERN),
+            ("Pattern", subareas.pattern(tasking)),
             ("CSP", f"{notation.position(*subareas.begin(tasking))}   (commence search point)"),
             ("First leg", f"{_first_course(tasking):03d}T, {many} {subareas.leg_length(tasking) / NMI:.1f} nmi"),
-            ("Creep", f"{subareas.degrees(tasking.creep):03d}T"),
-            ("Track spacing", f"{tasking.spacing / NMI:.2f} nmi"),
+            *[("Creep", f"{subareas.degrees(tasking.creep):03d}T")] * parallel,
+            (SPACING.get(tasking.manner.pattern, "Track spacing"), f"{tasking.spacing / NMI:.2f} nmi"),
         ]
     else:
         rows.append(("Pattern", f"search of the whole area, {subareas.track_length(tasking) / NMI:.0f} nmi of track"))
@@ -283,7 +285,8 @@ def _alternatives(plan: Plan) -> list[str]:
         gap = "better" if other.difference >= 0 else "WORSE"
         by = f"{abs(other.difference):.3f} +- {other.standard_error:.3f}"
         near = "" if other.apart else f" (nearer to each other than {plan.spec.separation / NMI:.3g} nmi)"
-        lines += _fill(f"{other.value:.3f}  {other.name}{near}; the plan is {gap} by {by}", 3, 10)
+        beside = "this is the plan" if other.same else f"the plan is {gap} by {by}"
+        lines += _fill(f"{other.value:.3f}  {other.name}{near}; {beside}", 3, 10)
     return lines
 
 
@@ -296,6 +299,11 @@ def _standing(plan: Plan) -> tuple[str, ...]:
         *boats * any(tasking.unit.afloat for tasking in plan.taskings),
         "Altitudes and times are for planning: crews and controllers settle separation, weather and daylight.",
         "POD is for an object that stays in the area; POS counts those that drift in and out of it.",
+        *(
+            "An area that drifts moves as a whole while it is searched: its corners hold all of its legs, and its POD is "
+            "for an object that drifts with it. Fly the turning points at their times.",
+        )
+        * any(tasking.manner.moves for tasking in plan.taskings),
         "Afterwards append plan.toml to the case, with what was flown: completed or actual.",
     )
 
@@ -324,6 +332,8 @@ def _first_course(tasking: Tasking) -> int:
     legs = tasking.sortie.legs
     assert legs is not None
     east, north = sphere.offset(*np.radians([legs.lon[0], legs.lat[0], legs.lon[1], legs.lat[1]]))
+    if not tasking.manner.plain:
+        return subareas.degrees(math.atan2(east, north))
     ahead = math.sin(tasking.orientation) * float(east) + math.cos(tasking.orientation) * float(north) >= 0
     return subareas.degrees(tasking.orientation + (0 if ahead else math.pi))
 

@@ -98,7 +98,8 @@ def test_a_plan_keeps_the_rules(planned: tuple) -> None:
         assert task.legs * task.spacing == pytest.approx(task.width)
         assert lengths[0] == pytest.approx(task.length - task.spacing, rel=1e-6)
         # the track fills the time that there is
-        assert lengths.sum() > 0.99 * min(0.85 * one.endurance, 8.5 * HOUR) * one.search_speed
+        room = min(0.85 * one.endurance, (asked.until - sortie.start) / np.timedelta64(1, "s"))
+        assert lengths.sum() > 0.99 * room * one.search_speed
         first = (sortie.legs.lon[0], sortie.legs.lat[0])
         transit = sphere.distance(*np.radians(one.base), *np.radians(first)) / one.transit_speed
         assert (task.on_scene - task.takeoff) / np.timedelta64(1, "s") == pytest.approx(transit, abs=2)
@@ -119,7 +120,7 @@ def test_a_plan_is_near_the_bound_and_beats_what_is_done_by_hand(planned: tuple)
     assert 0.75 < made.seen / limit.value < 1
     product = np.prod([1 - task.pos for task in made.taskings])
     assert 1 - product == pytest.approx(made.seen, rel=1e-4)
-    assert [alternative.name.split()[0] for alternative in made.alternatives] == ["each", "one"]
+    assert [alternative.name.split()[0] for alternative in made.alternatives] == ["each", "one", "patterns"]
     for alternative in made.alternatives:
         assert alternative.value == pytest.approx(made.seen - alternative.difference)
         assert alternative.difference > 3 * alternative.standard_error > 0
@@ -143,8 +144,8 @@ def test_a_plan_is_never_worse_than_another_that_was_computed(
     made = optimiser.plan(few, units, replace(asked, separation=separation), 7, [None, None])
     for other in made.alternatives:
         assert other.apart or separation > 0
-        if other.apart:
-            assert made.seen >= other.value * (1 - 1e-12)
+        if other.apart:  # plans are compared on a third of these particles
+            assert other.difference >= -2 * other.standard_error
     assert made.seen > 0.8 * max(other.value for other in made.alternatives)
     assert made.seen == pytest.approx(1 - np.prod([1 - task.pos for task in made.taskings]), rel=1e-4)
     for a, b in itertools.combinations(made.taskings, 2):
@@ -248,7 +249,7 @@ def test_rectangles_are_as_far_apart_as_shapely_says() -> None:
 
     def flown(k: slice) -> rectangle.Sweeps:
         zero = np.zeros(len(rows[k]))
-        return rectangle.Sweeps(zero, zero + 1, zero, zero, *sides[:, k], zero == 0, zero)
+        return rectangle.Sweeps(zero, zero + 1, zero, zero, *sides[:, k], zero == 0, zero, np.zeros((len(zero), 2)))
 
     def shape(k: int) -> shapely.Polygon:
         sin, cos = np.sin(rows[k, rectangle.TURN]), np.cos(rows[k, rectangle.TURN])

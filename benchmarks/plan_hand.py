@@ -1,0 +1,165 @@
+"""Plans against what a planner would draw by hand, on particles that neither has seen; prints one table.
+
+    python benchmarks/plan_hand.py [--set moving | steered | normal] [--cases 20] [--first 0] [--particles 8000] [--threads N] [--file plan_hand.jsonl]
+
+Cases are those of moving_cases.py, steered_cases.py and plan_bound.py (normal), with the effort that plan_bound.py gives them. Half of the
+particles are those on which the plan of one round is made and on which legs are laid out by hand (hand_patterns.py): expanding square, sector,
+parallel track, creeping line, in the best of a few sizes, on the ground or drifting, and legs that chase the densest spot. Both are scored on
+the other half. Legs by hand keep units apart as plans do. A plan is beaten where any of them finds more by two standard errors of the paired
+difference. Exits 1 if one is.
+"""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import hand_patterns
+import numpy as np
+import plan_bound
+from moving_cases import case as moving
+from rich.console import Console
+from rich.table import Table
+from steered_cases import case as steered
+
+from drift.job import Options, opened
+from drift.motion.scenario import Survival
+from drift.planner import availability, bins, follow, joint, optimiser, rectangle
+from drift.planner import planning_tracks as record
+from drift.planner.optimiser import Proposal
+from drift.planner.planning_tracks import Tracks
+from drift.search.records import PlanSpec, Unit
+from geo import notation
+from geo.errors import UserError
+from kernels import rectangles, runtime, sweeps
+
+MANNERS = (*hand_patterns.DRAWN, *hand_patterns.CHASED)
+ROWS = 900.0  # [s] rows of a bound by which the effort of a steered case is scaled; it takes minutes with finer ones
+FEW = 1000  # particles for that
+
+
+def found(
+    made: Proposal, tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None]
+) -> np.ndarray:
+    """Return what a plan's sorties find of each particle of tracks (m,)."""
+    plane = record.plane(tracks)
+    swarm = optimiser._swarm(tracks, spec, survival, plane)
+    factor, weights = joint.nodes(units)
+    zero, finds = float(tracks.time[0]), []
+    for task in made.taskings:
+        u = [unit.name for unit in units].index(task.unit.name)
+        can = availability.of_unit(task.unit, spec, (plane.lon, plane.lat))
+        crew, sortie = rectangle.crew(task.unit, can, plane, zero, factor[u]), task.sortie
+        start, end = (float(notation.epoch(time)) - zero for time in (sortie.start, sortie.end))
+        if sortie.legs is not None:
+            x, y = plane.flat(*np.radians([sortie.legs.lon, sortie.legs.lat]))
+            nodes = np.column_stack([np.array(sortie.legs.time) - zero, x, y, np.ones(len(x))])
+            chance, worth = sweeps.found(swarm, crew.table, nodes, crew.width, crew.factor)
+        else:
+            east, north = plane.flat(*np.radians(task.centre))
+            sin, cos = np.sin(task.orientation), np.cos(task.orientation)
+            row = np.array([float(east), float(north), sin, cos, task.length, task.width, start, end - start, 1.0])
+            coverage = np.array([sortie.coverage, sortie.coverage_under_way or sortie.coverage])
+            chance, worth = rectangles.found(swarm, True, row, coverage, crew.factor, rectangle.STEP, crew.curve)
+        finds.append(joint.Find((start + end) / 2, chance, worth))
+    return joint.worth(finds, weights) if finds else np.zeros(tracks.m)
+
+
+def prepared(
+    number: int, options: argparse.Namespace
+) -> tuple[Tracks, Sequence[Unit], PlanSpec, Sequence[Survival | None], str]:
+    """Return the tracks, units and plan of a case, its survival times, and what it is like."""
+    if options.set == "normal":
+        tracks, units, spec = plan_bound.case(number, options.particles)
+        return tracks, units, spec, [None], f"{len(units)} units"
+    made, data, told, goal = (steered if options.set == "steered" else moving)(number, options.particles)
+    job = opened(made, Options(datasets={} if data is None else {"field": data}, threads=options.threads))
+    tracks = follow.follow(made, job.where)
+    if options.set == "steered":
+        bins.FINEST, plan_bound.FEW = ROWS, FEW
+    made = plan_bound.aimed(made, tracks, goal)
+    return tracks, made.units, made.plan, [scenario.survival for scenario in made.scenarios], told
+
+
+def compare(number: int, options: argparse.Namespace) -> dict[str, Any]:
+    """Return what a plan and legs by hand find of particles that neither has seen."""
+    tracks, units, spec, survival, told = prepared(number, options)
+    half = np.arange(tracks.m) % 2 == 0
+    known, fresh = (record.take(tracks, np.flatnonzero(part), tracks.weight[part]) for part in (half, ~half))
+    begun = time.process_time()
+    made = optimiser.plan(known, units, spec, number, survival)
+    took = time.process_time() - begun
+    gain = found(made, fresh, units, spec, survival)
+    hands = {}
+    for manner in MANNERS:
+        flights = hand_patterns.fly(known, units, spec, manner)
+        other = hand_patterns.find(flights, fresh, units, spec, survival)
+        less = float(fresh.weight @ (gain - other))
+        error = float(np.sqrt(fresh.weight**2 @ (gain - other - less) ** 2))
+        hands[manner] = {"value": float(fresh.weight @ other), "less": less, "error": error}
+    patterns = [task.manner.pattern + " drifting" * task.manner.moves for task in made.taskings]
+    value = float(fresh.weight @ gain)
+    return {
+        "case": number,
+        "told": told,
+        "seen": made.seen,
+        "value": value,
+        "hands": hands,
+        "patterns": patterns,
+        "plan_s": took,
+    }
+
+
+def beaten(one: dict[str, Any]) -> list[str]:
+    """Return the manners in which legs by hand find more than the plan, by two standard errors."""
+    return [manner for manner, hand in one["hands"].items() if hand["less"] < -2 * hand["error"]]
+
+
+def main() -> None:
+    """Compare cases that the file does not hold yet; print what all in it come to."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--set", choices=("moving", "steered", "normal"), default="moving")
+    parser.add_argument("--cases", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--particles", type=int, default=8000)
+    parser.add_argument("--threads", type=int)
+    parser.add_argument("--file", default="plan_hand.jsonl")
+    options = parser.parse_args()
+    runtime.start("cpu", options.threads)
+    path = Path(options.file)
+    done = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    known = {one["case"] for one in done}
+    for number in range(options.first, options.first + options.cases):
+        if number in known:
+            continue
+        try:
+            one = compare(number, options)
+        except UserError as refused:  # no unit can search, or nothing is left to be found
+            one = {"case": number, "refused": str(refused)}
+        done.append(one)
+        with path.open("a") as file:
+            file.write(json.dumps(one) + "\n")
+    ran = sorted((one for one in done if "hands" in one), key=lambda one: int(one["case"]))
+    table = Table("case", "what", "seen", "plan", *MANNERS, "flown", "beaten by", "plan s")
+    for one in ran:
+        hands = [f"{one['hands'][manner]['value']:.3f}" for manner in MANNERS]
+        table.add_row(
+            str(one["case"]), one["told"], f"{one['seen']:.3f}", f"{one['value']:.3f}", *hands, ", ".join(one["patterns"]),
+            ", ".join(beaten(one)), f"{one['plan_s']:.0f}",
+        )  # fmt: skip
+    console = Console(width=220)
+    console.print(table)
+    over = sum(bool(beaten(one)) for one in ran)
+    ratio = [max(hand["value"] for hand in one["hands"].values()) / max(one["value"], 1e-9) for one in ran]
+    console.print(
+        f"{len(ran)} ran, {len(done) - len(ran)} refused; best legs by hand as a share of the plan: median {np.median(ratio):.3f}, most {max(ratio):.3f}; "
+        f"plans beaten by two standard errors: {over}"
+    )
+    sys.exit(over > 0)
+
+
+if __name__ == "__main__":
+    main()
