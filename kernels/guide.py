@@ -34,7 +34,7 @@ def project(
     last: ti.i32,
     number: ti.i32,
     begins: Ints,
-    lattice: ti.i32,
+    numbers: Ints,
     steps: ti.i32,
     finds: ti.i32,
     responses: Reals,
@@ -49,7 +49,7 @@ def project(
         last: slot after the last one.
         number: number of the first slot in the whole run, the key of its noise.
         begins: row of the first step in which each particle drifts, shape (n,).
-        lattice: number of the lattice step of row 0.
+        numbers: of the step of each row, the key of its noise, shape (steps,).
         steps: number of rows.
         finds: number of finds.
         responses: metres that a unit normal of the current's and of the wind's error moves what
@@ -63,8 +63,8 @@ def project(
         for m in range(2 * finds):
             sums[2 * finds * i + m] = 0.0
         for k in range(begins[i], steps):
-            a = noise.further(seed0, seed1, noise.STREAM_STEP, slot, lattice + k, 0)
-            b = noise.further(seed0, seed1, noise.STREAM_WIND, slot, lattice + k, 0)
+            a = noise.further(seed0, seed1, noise.STREAM_STEP, slot, numbers[k], 0)
+            b = noise.further(seed0, seed1, noise.STREAM_WIND, slot, numbers[k], 0)
             current, wind = noise.normals(a[2], a[3]), noise.normals(b[0], b[1])
             for f in range(finds):
                 row = 2 * ((steps + 1) * f + k)

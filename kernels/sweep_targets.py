@@ -163,15 +163,14 @@ def _expose(
                     stray = k * ti.sqrt(part)
                     halve = 0
                     found = 0.0
-                    dx, dy = ti.cast(bx - ax, ti.f32), ti.cast(by - ay, ti.f32)
                     for pass_ in range(2):  # first how near it comes, then what that adds up to
                         if pass_ == 1 or (k > 0.0 and level < DEPTH):
                             for p in range(time.shape[0] - 1):
                                 low, high = ti.max(time[p], from_), ti.min(time[p + 1], to)
                                 if searching[p] == 1 and low < high and halve == 0:
                                     pace = 1.0 / ti.max(part, 1e-6)
-                                    a = apart(ax, ay, dx, dy, from_, pace, low, p, time, place, trig)
-                                    b = apart(ax, ay, dx, dy, from_, pace, high, p, time, place, trig)
+                                    a = apart(False, ax, ay, bx, by, from_, pace, low, p, time, place, trig)
+                                    b = apart(False, ax, ay, bx, by, from_, pace, high, p, time, place, trig)
                                     to_node = 4 * p + 2 * ti.cast(high == time[p + 1], ti.i32)
                                     if pass_ == 0:
                                         near = _range(kind, a, b, 4 * p, to_node, heading, table)
@@ -180,8 +179,8 @@ def _expose(
                                     else:
                                         if k > 0.0 and ti.static(kind == CUBE):
                                             # Past the middle of the part, at the speed of the leg.
-                                            s0 = apart(ax, ay, 0.0, 0.0, from_, 0.0, low, p, time, place, trig)
-                                            s1 = apart(ax, ay, 0.0, 0.0, from_, 0.0, high, p, time, place, trig)
+                                            s0 = apart(False, ax, ay, ax, ay, from_, 0.0, low, p, time, place, trig)
+                                            s1 = apart(False, ax, ay, ax, ay, from_, 0.0, high, p, time, place, trig)
                                             v = f32x2(pieces.piece_east[here], pieces.piece_north[here])
                                             half = 0.5 * (s1 - s0 + v * (high - low))
                                             middle = 0.5 * (a + b)

@@ -123,7 +123,8 @@ def _thinned(time: Array, every: float | None) -> Array:
     kept = [0]
     while True:
         now = time[kept[-1]]
-        after = int(np.searchsorted(time, now + every))
+        # An interval that is lost in rounding still goes on to the next fix.
+        after = max(int(np.searchsorted(time, now + every)), kept[-1] + 1)
         before = max(after - 1, kept[-1] + 1)
         near = [k for k in (before, after) if k < time.size and time[k] >= now + SOON * every]
         if not near:

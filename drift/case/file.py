@@ -115,10 +115,10 @@ def _validated(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> 
         inputs = tuple(dict.fromkeys(_inputs(family.expanded(data), path.absolute().parent)))
         return replace(case, inputs=inputs, tables=data)
     except ValidationError as error:
-        told = (*messages.lines(error, _named(data)), *rest.mistakes(data, error, path, text))
+        told = (*messages.lines(error, _named(data)), *rest.mistakes(data, error, path, text, CaseTable))
         raise _refusal(path, (*_by_family(told, data), *_sources_without(data, path))) from None
     except UserError as error:
-        told = (*error.lines, *rest.mistakes(data, error, path, text))
+        told = (*error.lines, *rest.mistakes(data, error, path, text, CaseTable))
         raise _refusal(path, _by_family(told, data)) from None
     except OverflowError:  # integers beyond the largest float
         raise UserError(f"{path.name}: one of its whole numbers is too large") from None

@@ -45,7 +45,9 @@ class Rest:
         return replace(self, data=kept, lacking=self.lacking | set(keys))
 
 
-def mistakes(data: Mapping[str, Any], refused: ValidationError | UserError, path: Path, text: str) -> list[str]:
+def mistakes(
+    data: Mapping[str, Any], refused: ValidationError | UserError, path: Path, text: str, schema: type[CaseTable]
+) -> list[str]:
     """Return what else is wrong with a case, a line each.
 
     Args:
@@ -53,6 +55,7 @@ def mistakes(data: Mapping[str, Any], refused: ValidationError | UserError, path
         refused: what was refused first.
         path: of the file, from whose folder others are named.
         text: of the file.
+        schema: of its tables.
     """
     try:
         rest = Rest(_named(family.expanded(dict(data))), own=len(data.get("scenario", [])))
@@ -66,7 +69,7 @@ def mistakes(data: Mapping[str, Any], refused: ValidationError | UserError, path
             break
         rest = after
         try:
-            build.build(CaseTable.model_validate(rest.data, context={"whole": CaseTable}), path, text)
+            build.build(schema.model_validate(rest.data, context={"whole": schema}), path, text)
             break
         except ValidationError as more:
             said = zip(more.errors(), messages.lines(more, rest.data), strict=True)

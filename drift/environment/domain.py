@@ -30,12 +30,11 @@ SPREADS = 5.0  # standard deviations of a prior that lie in its box
 def bounds(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
     """Return the box outside which a particle of a run has left."""
     box = asked.domain or within_reach(spec)
-    if is_polar(box):
-        return Box(
-            -180.0, -90.0 if box.south < -POLEWARD else box.south, 180.0, 90.0 if box.north > POLEWARD else box.north
-        )
     if (box.east - box.west) * (box.north - box.south) > VAST:
         box = _common(box, utmost(spec, asked))
+    if is_polar(box):
+        south, north = (-90.0 if box.south < -POLEWARD else box.south), (90.0 if box.north > POLEWARD else box.north)
+        return Box(-180.0, south, 180.0, north)
     return box
 
 

@@ -245,9 +245,7 @@ def _open(
         return sources.constant(spec.quantity, *spec.constant, name=spec.name, about=about)
     if spec.table is not None:
         table = spec.table
-        rows = sources.table(
-            spec.quantity, np.array(table.times), table.east, table.north, name=spec.name, about=about
-        )
+        rows = sources.table(spec.quantity, np.array(table.times), table.east, table.north, name=spec.name, about=about)
         return replace(rows, gapless=True, notes=rows.notes + _far_apart(rows))
     if spec.analytic is not None:
         first, last = period.span

@@ -146,14 +146,14 @@ def flows(found: Mapping[str, Flow], time: np.datetime64) -> Overlay:
             rows.append(
                 (
                     Line2D([], [], color=BARBS["color"], marker=(3, 0, 0), linewidth=1),
-                    f"Wind, barbs, up to {fastest:.0f} kn",
+                    f"Wind, barbs, up to {fastest:.3g} kn",
                 )
             )
         else:
             rows.append(
                 (
                     Line2D([], [], color=ARROWS["color"], marker=">", linewidth=1),
-                    f"Current, longest arrow {fastest:.1f} kn",
+                    f"Current, longest arrow {fastest:.3g} kn",
                 )
             )
     return Overlay(draw, {}, rows)

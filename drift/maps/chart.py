@@ -43,7 +43,7 @@ class Frame:
     def project(self, lon: Any, lat: Any) -> tuple[Array, Array]:
         """Return (x, y) [m] of positions [deg] at any number of turns; same shape."""
         lon, lat = np.broadcast_arrays(np.asarray(lon, float), np.asarray(lat, float))
-        lon = sphere.near_degrees(lon, self.centre[0])
+        lon, lat = sphere.near_degrees(lon, self.centre[0]), np.clip(lat, -90.0, 90.0)  # cells may reach over a pole
         xyz = self.crs.transform_points(DEGREES, lon.ravel(), lat.ravel())
         return xyz[:, 0].reshape(lon.shape), xyz[:, 1].reshape(lon.shape)
 

@@ -6,6 +6,7 @@ current and wind are given of that in every step.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -35,7 +36,7 @@ def columns(finds: int) -> tuple[Column, ...]:
 class Guided:
     """How far a unit normal of each step moves what drifts by the time of each find."""
 
-    first: int  # number of the lattice step of row 0
+    numbers: tuple[int, ...]  # of the step of each row
     until: int  # [s after start] end of the step that holds the last find
     responses: Array  # [m] float32 (finds, steps + 1, 2) of current and wind; the last row is 0
 
@@ -44,6 +45,11 @@ class Guided:
         """Number of finds."""
         return len(self.responses)
 
+    @cached_property
+    def rows(self) -> dict[int, int]:
+        """Rows by the number of their step; a step that has none comes after the last find."""
+        return {number: row for row, number in enumerate(self.numbers)}
+
     def set_nudges(self, own: Mapping[str, Device], step: Step) -> None:
         """Write what is added to the normals of a step, from the pulls of particles.
 
@@ -51,8 +57,7 @@ class Guided:
             own: columns of an ensemble by name, shape (n,) each.
             step: the step that is about to be made.
         """
-        last = self.responses.shape[1] - 1
-        row = min(max(step.number - self.first, 0), last)
+        row = self.rows.get(step.number, len(self.numbers))
         written = [own[name] for name in kernel.NUDGES]
         for number, (east, north) in enumerate(pull_names(self.finds)):
             current, wind = self.responses[number, row]

@@ -193,7 +193,7 @@ class Scene:
         )  # fmt: skip
         off_lon, off_lat = curve.slopes(begin.bend.to_numpy(), lives.share(step.elapsed, end, time))
         if begin.polar:
-            turn = np.copysign(lon * sphere.UNIT, lat)
+            turn = lon * sphere.UNIT * np.where(lat < 0, -1.0, 1.0)
             cosine, sine = np.cos(turn), np.sin(turn)
             off = off_lon * cosine + off_lat * sine, off_lat * cosine - off_lon * sine
         else:

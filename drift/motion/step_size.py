@@ -216,22 +216,22 @@ class _March:
         self._start(finest, begin)
         low = self._run.start + self._run.direction * (begin if self._run.direction > 0 else end)
         step = kernel.Step(0, begin, end - begin, self._run.direction)
-        self._scene.advance(self._trials[finest], low, low + end - begin, step)
-        self._afloat(finest)
+        trial = self._trials[finest]
+        self._scene.advance(trial, low, low + end - begin, step)
+        self._afloat(trial.lon.to_numpy(), trial.lat.to_numpy(), trial.status.to_numpy())
 
     def _start(self, step: int, begin: int) -> None:
         """Put the particles of a trial where the sample is."""
         trial = self._trials[step]
         trial.lon.from_numpy(self._lon)
         trial.lat.from_numpy(self._lat)
-        trial.status.from_numpy(np.where(self._release < begin, Status.ADRIFT, Status.PENDING).astype(np.int32))
+        trial.release.from_numpy(np.maximum(self._release, begin).astype(np.int32))
+        trial.status.fill(int(Status.PENDING))
 
-    def _afloat(self, step: int) -> None:
+    def _afloat(self, lon: Array, lat: Array, status: Array) -> None:
         """Take the sample to where the particles of a trial are, those that are adrift."""
-        trial = self._trials[step]
-        adrift = trial.status.to_numpy() == Status.ADRIFT
-        self._lon = np.where(adrift, trial.lon.to_numpy(), self._lon)
-        self._lat = np.where(adrift, trial.lat.to_numpy(), self._lat)
+        adrift = status == Status.ADRIFT
+        self._lon, self._lat = np.where(adrift, lon, self._lon), np.where(adrift, lat, self._lat)
 
     def _through(self, begin: int, end: int) -> _Window:
         """Take the sample through a window [s after the run's start]."""
@@ -239,36 +239,43 @@ class _March:
         for size, clock in self._clocks.items():
             self._start(size, begin)
             for low, high, step in clock.steps():
-                if (step.elapsed >= begin or begin == 0) and step.elapsed < end:
+                if begin < step.elapsed + step.duration and step.elapsed < end:
                     together = self._run.direction * ((low - self._origin) // self._stretch)
                     plan.append((together, -size, step.elapsed, low, high, step))
         inside, bulges = (dict.fromkeys(self._clocks, 0.0) for _ in range(2))
         awaited: dict[int, tuple[int, int, Array, Array, Array]] = {}  # by half: when and where, by the whole
         seen: set[tuple[int, int]] = set()
+        ends: dict[int, tuple[Array, Array, Array]] = {}
         for together, minus, _, low, high, step in sorted(plan):
             size, trial = -minus, self._trials[-minus]
             first = (together, size) not in seen
             seen.add((together, size))
-            kept = self._scene.advance(trial, low, high, step, keep=first)
+            is_last = step.elapsed + step.duration >= end
+            kept = self._scene.advance(trial, low, high, step, keep=first or is_last)
             status = trial.status.to_numpy()
+            over = step.elapsed + step.duration
             if kept is not None:
                 bulges[size] = max(bulges[size], _bulge(kept, trial.lat.to_numpy(), status))
                 middle = step.elapsed + _half(size)
-                if _half(size) in self._trials and middle < step.elapsed + step.duration:
-                    places = curve.places(
-                        trial, (kept.lon, kept.lat), kept.bend, step.elapsed, step.duration, middle, kept.polar
-                    )
-                    awaited[_half(size)] = (middle, size, *(x.to_numpy() for x in places), status)
-            if size in awaited and awaited[size][0] == step.elapsed + step.duration:
+                if _half(size) in self._trials and middle < over:
+                    awaited[_half(size)] = (middle, size, *_places(trial, kept, step, middle), status)
+                if is_last:
+                    ends[size] = (*_places(trial, kept, step, end), status)
+            if size in awaited and awaited[size][0] == over:
                 _, whole, lon, lat, other = awaited.pop(size)
                 both = (status == Status.ADRIFT) & (other == Status.ADRIFT)
                 if both.any():
                     apart = _apart(lon, lat, trial.lon.to_numpy(), trial.lat.to_numpy())[both]
                     inside[whole] = max(inside[whole], float(np.percentile(apart, 95)))
-        ends = {s: (t.lon.to_numpy(), t.lat.to_numpy(), t.status.to_numpy()) for s, t in self._trials.items()}
         days = np.maximum(end - np.maximum(self._release, begin), 3600) / DAY
-        self._afloat(min(self._trials))
+        self._afloat(*ends[min(self._trials)])
         return _Window(ends, days, inside, bulges)
+
+
+def _places(trial: Ensemble, kept: Begin, step: kernel.Step, time: int) -> tuple[Array, Array]:
+    """Return where particles are at a time inside the step just made: lon, lat [binary angle], (m,)."""
+    lon, lat = curve.places(trial, (kept.lon, kept.lat), kept.bend, step.elapsed, step.duration, time, kept.polar)
+    return lon.to_numpy(), lat.to_numpy()
 
 
 def _apart(lon: Array, lat: Array, other_lon: Array, other_lat: Array) -> Array:

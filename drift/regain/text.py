@@ -71,11 +71,11 @@ def _anew(found: Regained) -> str:
     held = found.held
     filling = held.study.methods[0].filling
     each = ", ".join(
-        f"{notation.group(moment(found, float(time)))} ({notation.percent(left)})"
+        f"{notation.group(moment(found, float(time)))} ({notation.short_percent(left)})"
         for time, left in zip(held.time[held.anew], held.left[held.anew], strict=True)
     )
     return (
-        f"from the box of what was detected at {each}, as fewer than bulk, {notation.percent(filling.bulk)} of the particles, were in it: {'all' if filling.method == 'position' else 'half'} "
+        f"from the box of what was detected at {each}, as fewer than bulk, {notation.hundredths(filling.bulk)} % of the particles, were in it: {'all' if filling.method == 'position' else 'half'} "
         "of what is drawn takes any course, whatever was told before; a lower bulk and more particles keep what was in the box"
     )
 
@@ -121,7 +121,7 @@ def _rough(found: Regained, one: Shown) -> list[str]:
     for share, (low, high) in one.sizes.items():
         which = f"that of {notation.hundredths(share)} % at {when}"
         if one.within.get(share, share) < share - ASTRAY:
-            told.append(f"{which} holds {notation.percent(one.within[share])} of {one.holding} other clouds")
+            told.append(f"{which} holds {notation.short_percent(one.within[share])} of {one.holding} other clouds")
         elif high > WILD * low:
             told.append(
                 f"{which} is {_rounded(low / NMI**2)} to {_rounded(high / NMI**2)} nmi2 by {one.holding + 1} clouds"
@@ -153,13 +153,13 @@ def _path(found: Regained, chased: Chased) -> str:
     own, other = chased.found.met[-1], chased.judged[-1]
     near = f"within {notation.number(chase.reach / NMI)} nmi"
     if chase.to is None:
-        words = f"by {until} {notation.percent(own)} of the cloud {near} (of {notation.percent(chased.found.near)} that come where it could be)"
+        words = f"by {until} {notation.short_percent(own)} of the cloud {near} (of {notation.short_percent(chased.found.near)} that come where it could be)"
     else:
-        words = f"at {notation.position(*np.degrees(chase.to))} at {until}, {notation.percent(own)} of the cloud {near} on the way"
+        words = f"at {notation.position(*np.degrees(chase.to))} at {until}, {notation.short_percent(own)} of the cloud {near} on the way"
     words += (
         ", another cloud has lost the track"
         if np.isnan(other)
-        else f", of another, on which it was not planned, {notation.percent(other)}"
+        else f", of another, on which it was not planned, {notation.short_percent(other)}"
     )
     anew = [notation.group(moment(found, chase.times[step])) for step in chased.found.plans[1:]]
     return words + (f"; planned anew at {', '.join(anew)}" if anew else "")

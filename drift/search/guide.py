@@ -277,8 +277,9 @@ def _shared(guide: Guide, spec: EnsembleSpec, ensemble: Ensemble, moved: bool) -
     sums, begins = runtime.empty(2 * many * ensemble.n), runtime.upload(rows)
     table = runtime.upload(answers.guided.responses.ravel())
     key = noise.key(ensemble.seed)
+    numbers = runtime.upload(np.array([*answers.guided.numbers, 0], np.int32))
     for slots in ensemble.slots:
-        kernel.project(*slots, begins, answers.guided.first, answers.rows, many, table, sums, *key)
+        kernel.project(*slots, begins, numbers, answers.rows, many, table, sums, *key)
     total = sums.to_numpy().astype(np.float64).reshape(ensemble.n, many, 2)
     if moved:  # their columns hold all but what their steps are given
         pull = np.stack([_pair(ensemble, f"pull_{k}") for k in range(many)], axis=1)

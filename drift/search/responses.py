@@ -26,8 +26,7 @@ class Responses:
     """Displacements [m] at the times of finds, by row: steps of the clock from the run's start."""
 
     guided: Guided  # per unit normal of each step
-    begin: int  # [s after start] when row 0 begins
-    step: int  # [s] how long each lasts
+    begins: Array  # [s after start] (rows,) when each row begins
     state: Array  # [m] (finds, rows + 1, 2) per unit normal of the errors that a row begins with
     lasting: Array  # [s] (finds, rows + 1) from the begin of each row to the find
     noise: Array  # [m2] (rows + 1, finds, finds) covariance by the normals of each row and all after
@@ -46,7 +45,7 @@ class Responses:
 
     def rows_of(self, release: Array) -> Array:
         """Return the row in which each release [s after start] lies, int32 (n,)."""
-        rows = np.clip((release - self.begin) // self.step, 0, self.rows)
+        rows = np.clip(np.searchsorted(self.begins, release, "right") - 1, 0, self.rows)
         return np.asarray(rows, np.int32)
 
     def covariance(self, row: int, place: Array) -> Array:
@@ -94,7 +93,7 @@ def of(errors: Errors, finds: Sequence[tuple[int, Drifter]], clock: Clock) -> Re
     each = np.einsum("fkm,gkm->kfg", table, table)
     summed = np.cumsum(each[::-1], axis=0)[::-1]
     until = steps[-1].elapsed + steps[-1].duration if steps else 0
-    guided = Guided(steps[0].number if steps else 0, until, table.astype(np.float32))
-    begin = steps[0].elapsed if steps else 0
+    guided = Guided(tuple(step.number for step in steps), until, table.astype(np.float32))
+    begins = np.array([step.elapsed for step in steps])
     stds = errors.current.std, errors.wind.std
-    return Responses(guided, begin, clock.step, state, lasting, summed, stds, errors.current.bias)
+    return Responses(guided, begins, state, lasting, summed, stds, errors.current.bias)

@@ -23,6 +23,7 @@ Moved = Callable[[Array], tuple[Array, Array]]
 # Past a particle within half a piece its great circle is straight to 0.3 m; while the particle drifts by 1 km, to 2 m.
 PIECE = 50_000.0
 NEAR_POLE = math.radians(85.0)  # beyond this latitude a plane chart takes great circles instead of their second order
+STEEP = 89.0  # [deg] beyond this latitude pieces need not be shorter: there kernels go along great circles themselves
 EDGE = 10_000.0  # [m], longest piece of an area's edge: it bulges by less than 4 m up to 60 degrees N
 
 
@@ -67,13 +68,16 @@ class Path:
         course = np.concatenate([first + at * (last - first), first + to * (last - first)], axis=1)
         course[:, :2] = np.where(at == 0, first, course[:, :2])
         course[:, 2:] = np.where(to == 1, last, course[:, 2:])
-        if moved is not None:
-            x, y = moved(time)
-            apart = sphere.offset(np.radians(datum[0]), np.radians(datum[1]), np.radians(lon), np.radians(lat))
-            lon, lat = (np.degrees(angle) for angle in sphere.destination(x, y, *apart))
         if polar:
             each = np.radians(np.stack([lon[:-1], lon[1:]], axis=1)), np.stack([lat[:-1], lat[1:]], axis=1)
             course = np.stack(at_pole(*each, *course.reshape(-1, 2, 2).transpose(2, 0, 1)), axis=-1).reshape(-1, 4)
+        if moved is not None:
+            x, y = moved(time)
+            apart = sphere.offset(np.radians(datum[0]), np.radians(datum[1]), np.radians(lon), np.radians(lat))
+            if polar:  # it keeps its directions in the plane of the pole
+                at_datum = np.full(lon.shape, np.radians(datum[0])), np.full(lon.shape, datum[1])
+                apart = at_pole(-x, y, *at_pole(*at_datum, *apart))
+            lon, lat = (np.degrees(angle) for angle in sphere.destination(x, y, *apart))
         place = np.stack([sphere.to_binary(lon), sphere.to_binary(lat)], axis=1)
         turned = np.radians(lat)
         trig = np.stack([np.cos(turned), 0.25 * sphere.UNIT * np.sin(2 * turned)], axis=1)
@@ -110,7 +114,7 @@ def at_pole(lon: Array, lat: Array, east: Array, north: Array) -> tuple[Array, A
         east: of the vectors there.
         north: of the vectors there.
     """
-    turn = np.copysign(lon, lat)
+    turn = lon * np.where(lat < 0, -1.0, 1.0)
     cosine, sine = np.cos(turn), np.sin(turn)
     return east * cosine - north * sine, north * cosine + east * sine
 
@@ -119,7 +123,8 @@ def of_legs(legs: Legs, start: int) -> Path:
     """Return the path of legs; start: of the run [s since 1970]."""
     time, lon, lat, course, searching, leg = [legs.time[0]], [legs.lon[0]], [legs.lat[0]], [], [], []
     for k, seeks in enumerate(legs.searching):
-        longest = PIECE * min(1.0, 1.9 / max(math.tan(math.radians(max(map(abs, legs.lat[k : k + 2])))), 1e-9))
+        highest = min(max(map(abs, legs.lat[k : k + 2])), STEEP)
+        longest = PIECE * min(1.0, 1.9 / max(math.tan(math.radians(highest)), 1e-9))
         x, y = sphere.track(np.radians(legs.lon[k : k + 2]), np.radians(legs.lat[k : k + 2]), longest)
         pieces = len(x) - 1
         # The tangent of the leg's great circle at each node: the same wherever a leg is cut.
@@ -171,6 +176,8 @@ def ring(area: Area) -> tuple[float, float, Array]:
     x, y = sphere.track(corners[:, 0], corners[:, 1], EDGE)
     lon, lat = np.unwrap(x[:-1]), y[:-1]
     at_lon, at_lat = 0.5 * (lon.min() + lon.max()), 0.5 * (lat.min() + lat.max())
+    if abs(np.unwrap(x)[-1] - lon[0]) > np.pi:  # it goes round a pole
+        at_lon, at_lat = 0.0, math.copysign(math.pi / 2, at_lat)
     outline = np.stack(chart(at_lon, at_lat, lon, lat), axis=1)
     after = np.roll(outline, -1, axis=0)
     if np.sum(outline[:, 0] * after[:, 1] - outline[:, 1] * after[:, 0]) < 0:

@@ -48,6 +48,19 @@ class LandMasses:
         """The polygons in the squeezed plane."""
         return shapely.STRtree(_squeezed(self.polygons, self.squeeze))
 
+    @cached_property
+    def sides(self) -> tuple[shapely.STRtree, Ints]:
+        """The sides of all polygons in the squeezed plane, and the polygon of each.
+
+        What is nearest to a place is found at once among sides; among polygons each question walks round a mainland. A place on
+        land is nearest to a side of the polygon that it lies in, for polygons do not overlap.
+        """
+        rings, owner = shapely.get_rings(self.tree.geometries, return_index=True)
+        corners, ring = shapely.get_coordinates(rings, return_index=True)
+        joined = ring[1:] == ring[:-1]
+        lines = shapely.linestrings(np.stack([corners[:-1], corners[1:]], axis=1)[joined])
+        return shapely.STRtree(lines), np.asarray(owner[ring[:-1][joined]], np.int64)
+
 
 def build(polygons: Array, bridges: Sequence[tuple[LonLat, LonLat]] = (), box: Box | None = None) -> LandMasses:
     """Return the land masses of polygons [deg]; box: to which they are cut.
@@ -116,8 +129,8 @@ def nearest(land: LandMasses, lon: float, lat: float) -> tuple[int, float, float
 def of_places(land: LandMasses, lon: Array, lat: Array) -> Ints:
     """Return the land mass that each place [deg] lies on, or that is nearest to it, shape (n,)."""
     lon = land.middle + sphere.wrap_degrees(np.asarray(lon) - land.middle)
-    points = shapely.points(lon * land.squeeze, lat)
-    return np.asarray(land.mass[land.tree.nearest(points)], np.int64)
+    tree, polygon = land.sides
+    return np.asarray(land.mass[polygon[tree.nearest(shapely.points(lon * land.squeeze, lat))]], np.int64)
 
 
 def of_stretches(land: LandMasses, coast: Coast, of_edge: Array, count: int) -> Ints:

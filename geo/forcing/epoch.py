@@ -96,6 +96,13 @@ def parse(units: str, zone: int | None = None) -> Epoch:
         name, scale = "microsecond", scale / 1000.0
     whole = _MOMENT.fullmatch(match[2])
     begin = _BEGIN.match(match[2])
+    if begin is not None and whole is None:
+        rest = match[2][begin.end() :].strip()
+        timed = begin["hour"] is None and begin["hour_p"] is None and re.match(r"[^+-]*\d", rest)
+        if timed or re.fullmatch(r"[ap]\.?m\.?", rest, re.IGNORECASE):
+            raise UserError(
+                f'units "{units}": "{rest}" after the date is no time of day, as 06:00:00 on a 24 hour clock is'
+            )
     if begin is None or (whole is None and zone is None):
         rest = "" if begin is None else match[2][begin.end() :].strip()
         if rest:

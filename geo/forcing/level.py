@@ -44,7 +44,7 @@ DEEPEST = 5.0  # [m] to which a current or Stokes drift passes for the surface's
 MEASURED = re.compile(r"(?<![\d.])(\d+(?:[.D]\d+)?)_?(hpa|mbar|mb|sigma|m)(?=$|[\W_\d]|above|agl|below)", re.IGNORECASE)
 COUNTED = re.compile(
     r"^(?:(?:[uv]|[uv]a|[uv]_?wi?nd|wi?nd_?[uv]|[uv]grd|[xy]_?wind|[uv][-_]component_of_wind)_?([1-9]\d{1,3})n?"
-    r"|([1-9]\d{1,3})_?[uv]n?)$",
+    r"|([1-9]\d{1,3})_?[uv]n?|[uv][ao]?_(?:depth|height|lev(?:el)?|z|d|h)_?([1-9]\d{1,3}))$",
     re.IGNORECASE,
 )
 IN_AIR = re.compile(
@@ -52,7 +52,11 @@ IN_AIR = re.compile(
     r"|planetary_?boundary|potential_?vorticity|pvu|isotherm|isentropic)",
     re.IGNORECASE,
 )
-IN_WATER = re.compile(r"(?:^|_)(bot|bed|bottom|barotropic)(?:$|_)|(bottom|barotropic|sea_?floor)", re.IGNORECASE)
+IN_WATER = re.compile(
+    r"(?:^|_)(bot|bed|bottom|barotropic|mid|(?:depth|lev(?:el)?|z|d)_?[1-9]\d{1,3})(?:$|_)"
+    r"|(bottom|barotropic|sea_?floor|^[uv]bar$)",
+    re.IGNORECASE,
+)
 LEAST_PRESSURE = (
     250.0  # numbers without a unit from this on count hPa: winds are given to 200 m above ground, and at 250 hPa
 )
@@ -321,7 +325,7 @@ def of_name(name: str, quantity: str) -> Levels | None:
             return replace(read, name="level")
     counted = COUNTED.match(name) if in_air else None
     if counted:
-        value = float(counted[1] or counted[2])
+        value = float(counted[1] or counted[2] or counted[3])
         unit = "hPa" if value >= LEAST_PRESSURE else "m"
         return _read("level", {"units": unit}, np.array([value]), quantity, True)
     word = (IN_AIR if in_air else IN_WATER).search(name)

@@ -314,6 +314,7 @@ def _cut_nest(opened: Opened, request: Request, wanted: Box | None) -> Reading:
         held.domain,
         tuple((o.label, partial(nest.read, replace(held, components=o.components))) for o in opened.others),
         opened.label,
+        opened.edges,
     )  # fmt: skip
 
 

@@ -24,6 +24,7 @@ from geo.grids.layout import Axes, Curved, Layout, Plane, Triangles, uniform
 Values = NDArray[np.float32]
 
 
+ABOUT_POLE = 85.0  # [deg] east and north of a grid that reaches beyond this latitude are carried as one frame
 AGREES = 0.9  # share of the fastest column that the mean vector at a pole has where all columns are the same vector
 
 
@@ -33,7 +34,8 @@ class Tile:
 
     components, layouts: the two components and their points; matrices: their weights, None where taken as they are.
     directions: (nlat, columns, 4) unit vectors of the components' axes, None where they are east and north;
-    dry: points whose zeros are land, per component.
+    dry: points whose zeros are land, per component. turn: of each point, by how much its east and north are turned from those at
+    the meridian of 0 [rad], where they are carried about a pole as one frame; None elsewhere.
     """
 
     grid: Grid
@@ -43,6 +45,7 @@ class Tile:
     directions: NDArray[np.float32] | None
     dry: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None
     notes: tuple[str, ...]
+    turn: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,12 @@ def make(
         if not _together(first, second):
             notes.append("the components stand at different points (a staggered grid): each is carried from its own")
     directions = _directions(grid, layouts, matrices, axes, notes)
-    return Tile(grid, components, layouts, matrices, directions, None, tuple(notes))
+    turn = None
+    about_pole = matrices is not None and np.abs(grid.lat).max() > ABOUT_POLE
+    if about_pole and directions is None and _together(first, second):
+        lon, lat = layout.points(first)
+        turn = np.radians(lon) * np.where(lat < 0, -1.0, 1.0)
+    return Tile(grid, components, layouts, matrices, directions, None, tuple(notes), turn)
 
 
 def domain(tile: Tile) -> NDArray[np.bool_] | None:
@@ -191,6 +199,15 @@ def _carried(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArr
         return np.asarray(x, np.float32), np.asarray(y, np.float32)
     shape = (tile.grid.nlat, tile.grid.columns)
     a, b = (regrid.carry(m, v).reshape(shape) for m, v in zip(tile.matrices, (x, y), strict=True))
+    if tile.turn is not None:
+        cosine, sine = np.cos(tile.turn), np.sin(tile.turn)
+        turned = x * cosine - y * sine, y * cosine + x * sine
+        east, north = (regrid.carry(m, v).reshape(shape) for m, v in zip(tile.matrices, turned, strict=True))
+        rows = np.abs(tile.grid.lat) > ABOUT_POLE
+        turn = np.radians(tile.grid.lon[: tile.grid.columns]) * np.sign(tile.grid.lat[rows])[:, None]
+        cosine, sine = np.cos(turn), np.sin(turn)
+        a[rows] = east[rows] * cosine + north[rows] * sine
+        b[rows] = north[rows] * cosine - east[rows] * sine
     return a, b
 
 

@@ -119,7 +119,12 @@ def _packed(packing: Mapping[str, Any]) -> bool:
 
 def _numbers(stated: Any, packing: Mapping[str, Any]) -> Array | None:
     """Return numbers of an attribute in the unit of unpacked values; None where it holds none."""
-    if stated is None or isinstance(stated, str):
+    if isinstance(stated, str):
+        try:
+            stated = [float(text) for text in stated.replace(",", " ").split()]
+        except ValueError:
+            return None
+    if stated is None:
         return None
     numbers = np.ravel(np.asarray(stated))
     if not np.issubdtype(numbers.dtype, np.number):

@@ -207,6 +207,10 @@ def test_a_box_across_the_antimeridian() -> None:
     assert [np.degrees(one.lon).round(6).tolist() for one in found.stretches] == [[179.0, 179.4], [-179.4, -179.0]]
 
 
+def test_an_interval_that_is_lost_in_rounding_keeps_all_fixes() -> None:
+    assert stretches._thinned(np.array([1.6e9, 1.6e9 + 60, 1.6e9 + 90]), 1e-297).tolist() == [0, 1, 2]
+
+
 def test_thinning_takes_the_fix_nearest_to_the_interval() -> None:
     hours = [0, 0.5, 2.4, 3.2, 5.9, 6.3, 6.4, 9.1, 9.2, 16.0, 19.1]
     found = stretches.cut([fixes(hours, [9 * h for h in hours])], Rules(every=3 * HOUR))

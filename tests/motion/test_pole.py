@@ -9,6 +9,7 @@ import taichi as ti
 import xarray as xr
 
 import drift
+from drift.maps import chart
 from drift.motion.drift import COLUMNS
 from drift.particles import ensemble as record
 from geo import sphere
@@ -136,12 +137,13 @@ position = {{ at = "{lat} 010 00W", error = "0.001 m" }}
     assert float(sphere.distance(*final(tmp_path / "case.toml"), *expected)) < 3.0  # of 36 km
 
 
-def test_a_polar_stereographic_file_is_followed_over_the_pole(tmp_path: Path) -> None:
-    """Components along the grid's own axes, values at the pole itself; a flow that shears and turns, linear in time."""
+@pytest.mark.parametrize("axes", ["grid", "true"])
+def test_a_polar_stereographic_file_is_followed_over_the_pole(tmp_path: Path, axes: str) -> None:
+    """Components along the grid's own axes, or east and north at each point, values at the pole itself; a flow that shears and turns, linear in time."""
     import pyproj
 
     crs = pyproj.CRS.from_proj4("+proj=stere +lat_0=90 +lat_ts=70 +lon_0=-45 +R=6371008.8")
-    x = np.arange(-160_000, 160_001, 2500.0)
+    x = np.arange(-161_250, 161_251, 2500.0)  # no point is the pole itself, where east is any direction
     y = np.arange(-180_000, 180_001, 2500.0)
     X, Y = np.meshgrid(x, y)
     hours = np.arange(0, 25)
@@ -153,18 +155,23 @@ def test_a_polar_stereographic_file_is_followed_over_the_pole(tmp_path: Path) ->
     u, v = (np.stack([along(X, Y, h)[k] for h in hours]) for k in range(2))
     to_degrees = pyproj.Transformer.from_crs(crs, crs.geodetic_crs, always_xy=True)
     lon, lat = to_degrees.transform(X, Y)
+    names = "sea_water_x_velocity", "sea_water_y_velocity"
+    if axes == "true":
+        at = np.radians(lon + 45)
+        u, v = u * np.cos(at) + v * np.sin(at), v * np.cos(at) - u * np.sin(at)
+        names = "eastward_sea_water_velocity", "northward_sea_water_velocity"
     time = np.datetime64("2026-03-03T00:00", "ns") + hours * np.timedelta64(1, "h")
     data = xr.Dataset(
         {
             "u": (
                 ("time", "y", "x"),
                 u,
-                {"standard_name": "sea_water_x_velocity", "units": "m s-1", "grid_mapping": "crs"},
+                {"standard_name": names[0], "units": "m s-1", "grid_mapping": "crs"},
             ),
             "v": (
                 ("time", "y", "x"),
                 v,
-                {"standard_name": "sea_water_y_velocity", "units": "m s-1", "grid_mapping": "crs"},
+                {"standard_name": names[1], "units": "m s-1", "grid_mapping": "crs"},
             ),
             "crs": ((), 0, crs.to_cf()),
         },
@@ -271,3 +278,56 @@ pod = 0.6
             pole, equator = results[f"{law} pole"][sortie], results[f"{law} equator"][sortie]
             # The same particles by seed and slot, but for the tangent plane's third order.
             assert pole == pytest.approx(equator, abs=2e-3)
+
+
+@pytest.mark.parametrize("pole", [1, -1])
+@pytest.mark.parametrize("ends", [((-8, 2), (8, 2)), ((8, 0.5), (0.01, 0.6)), ((-8, 0.5), (0, 0))])
+def test_a_leg_beside_the_pole_passes_what_is_abeam(tmp_path: Path, pole: int, ends: tuple) -> None:
+    """M-beta counts a pass abeam by the leg's own course: in the plane of the pole, east and west of the meridian of 0."""
+
+    def at(x: float, y: float) -> str:
+        lat = pole * (90 - math.degrees(math.hypot(x, y) * 1852 / sphere.RADIUS))
+        return f"[{math.degrees(math.atan2(x, y)):.9f}, {lat:.9f}]"
+
+    (tmp_path / "case.toml").write_text(f"""
+start = "2026-03-01T00:00Z"
+duration = "2 h"
+particles = 4000
+uncertainty = "none"
+[clock]
+step = "1 h"
+[coast]
+source = "none"
+[[current]]
+constant = {{ east = 0, north = 0 }}
+[[scenario]]
+name = "a"
+object = "water"
+position = {{ at = {at(0, -2)}, error = "6 nmi" }}
+[[sortie]]
+name = "s"
+start = "+15 min"
+speed = "20 kn"
+law = {{ m_beta = 0.8 }}
+sweep_width = "1 nmi"
+waypoints = [{at(*ends[0])}, {at(*ends[1])}]
+""")
+    result = drift.run(drift.load(tmp_path / "case.toml"))
+    tracks = next(iter(drift.run_many([drift.load(tmp_path / "case.toml")])))
+    far = np.radians(90 - np.abs(tracks.lat[0])) * sphere.RADIUS / 1852
+    x, y = far * np.sin(np.radians(tracks.lon[0])), far * np.cos(np.radians(tracks.lon[0]))
+    (ax, ay), (bx, by) = ends
+    long = math.hypot(bx - ax, by - ay)
+    along = ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / long
+    across = np.abs((x - ax) * (by - ay) - (y - ay) * (bx - ax)) / long
+    passed = (along > 0) & (along < long) & (across < 0.5 / 0.8)
+    # Of 4000 particles two lie within the third order of the plane at an edge.
+    assert result.updates.all[0].pos[-1] == pytest.approx(0.8 * passed.mean(), abs=5e-4)
+
+
+@pytest.mark.parametrize("pole", [1, -1])
+def test_a_chart_holds_cells_that_reach_over_the_pole(pole: int) -> None:
+    lon, lat = np.linspace(-180, 180, 50), pole * np.linspace(89.8, 90.0007, 50)
+    frame = chart.frame(lon, lat, 1.3)
+    assert np.isfinite([*frame.x, *frame.y]).all()
+    assert frame.holds(*frame.project(lon, lat)).all()

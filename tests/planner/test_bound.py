@@ -343,7 +343,7 @@ MOVING = {
 def test_what_moves_is_bounded(name: str) -> None:
     """Legs laid by hand, and the optimiser's plan, on the very particles of the bound: no slack."""
     std, error, convergence, hours, speed, search = MOVING[name]
-    some = moving(3000, std, error, convergence, hours)
+    some = moving(4500, std, error, convergence, hours)  # a third of which only chooses between plans
     one = unit(speed, search, 0.6 * NMI, Law())
     limit = bound.bound(some, [one], spec(hours), [None]).value
     assert chased(some, one, hours, against=False) <= limit

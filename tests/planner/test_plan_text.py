@@ -11,7 +11,7 @@ import searches
 
 from drift.planner import subareas
 from drift.planner import text as plan_text
-from geo import sphere
+from geo import notation, sphere
 
 GEOD = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 NMI = 1852.0
@@ -189,8 +189,8 @@ def test_both_states_of_what_steers_are_told():
     assert numbers["pod_under_way"][plan.scenarios[1]] == pytest.approx(math.erf(math.sqrt(math.pi) / 2 * 0.8))
     same = replace(first.sortie, sweep_width=(0.9 * NMI,) * 3, width_under_way=(1.8 * NMI,) * 3)
     lines = " ".join(plan_text.text(replace(plan, taskings=(replace(first, sortie=same),)), "Yacht", "run-s1").split())
-    assert "at W 0.90 nmi, coverage 0.30, adrift" in lines
-    assert "at W 1.80 nmi, coverage 0.60, under way" in lines
+    assert "at W 0.9 nmi, coverage 0.30, adrift" in lines
+    assert "at W 1.8 nmi, coverage 0.60, under way" in lines
     assert "under way" not in plan_text.text(plan, "Overdue boat", "run-s1")
 
 
@@ -215,7 +215,7 @@ def test_the_bound_of_rounds_is_said_to_be_loose():
 
 def test_what_is_not_certain_is_not_written_as_one() -> None:
     """0.995 was "1.00" on the plan, its picture and its sheets."""
-    assert [plan_text.chance(p) for p in (0.0, 0.454, 0.9949, 0.9951, 0.99999, 1.0)] == [
+    assert [notation.probability(p) for p in (0.0, 0.454, 0.9949, 0.9951, 0.99999, 1.0)] == [
         "0.00",
         "0.45",
         "0.99",
@@ -223,4 +223,4 @@ def test_what_is_not_certain_is_not_written_as_one() -> None:
         ">0.99",
         "1.00",
     ]
-    assert plan_text.chance(0.9996, 3) == ">0.999"
+    assert notation.probability(0.9996, 3) == ">0.999"

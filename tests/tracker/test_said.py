@@ -36,7 +36,7 @@ def test_detections_are_counted_as_they_stand_in_the_file() -> None:
     assert told["detections"].startswith(f"{len(rows)}, 050200Z")
     for sensor, number in Counter(rows).items():
         assert f"{number} by {sensor}" in told["detections"]
-    assert told["pursuit"].startswith("to meet it, from 14-20.4N 076-37.0W")
+    assert told["pursuit"].startswith("to meet it, from 14-20.405N 076-36.986W")
 
 
 def test_check_takes_tracking_cases(capsys: pytest.CaptureFixture[str]) -> None:

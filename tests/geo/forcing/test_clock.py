@@ -170,3 +170,12 @@ def test_slices_of_one_time(tmp_path: Path) -> None:
         sources.open_source("current", tmp_path / "other.nc")
     told = {"start": EPOCH, "interval": np.timedelta64(3600, "s")}
     check(sources.open_source("current", tmp_path / "other.nc", times=told), last=6.0, count=7)
+
+
+@pytest.mark.parametrize("rest", ["/06:00:00", ", 06:00:00", "_06:00:00", " at 06:00", " 06:00:00 PM"])
+@pytest.mark.parametrize("zone", [None, 0])
+def test_a_time_of_day_that_is_not_read_is_no_zone(rest: str, zone: int | None) -> None:
+    """Stated with `zone`, it would be dropped as if it were one: six hours of the track."""
+    with pytest.raises(UserError, match="is no time of day") as refusal:
+        epoch.parse(f"hours since 2024-03-10{rest}", zone)
+    assert not isinstance(refusal.value, epoch.ZoneError)

@@ -37,6 +37,7 @@ LIMITS: dict[str, dict[str, Any]] = {
     "whole numbers": {"valid_range": np.array([-2, 2])},
     "least and greatest": {"valid_min": -1.5, "valid_max": 1.5},
     "greatest": {"valid_max": np.float32(1.5)},
+    "text": {"valid_range": "-1.5, 1.5"},
 }
 
 
