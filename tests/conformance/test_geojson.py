@@ -11,7 +11,7 @@ import pytest
 pytestmark = pytest.mark.conformance
 
 FILES = ("plan/contours.geojson", "plan/sorties.geojson", "plan/plan.geojson", "spill/contours.geojson",
-         "spill/washup.geojson")  # fmt: skip
+         "spill/washup.geojson", "origin/origin.geojson")  # fmt: skip
 DEPTH = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
 
 
