@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import hypothesis
 import pytest
 from places import DATA
 
@@ -16,6 +17,8 @@ from kernels import runtime
 
 def pytest_configure() -> None:
     runtime.start("cpu", threads=2)
+    hypothesis.settings.register_profile("suite", deadline=None)  # no test reads the clock
+    hypothesis.settings.load_profile("suite")
 
 
 def pytest_collection_finish() -> None:

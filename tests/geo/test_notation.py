@@ -5,7 +5,7 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from geo import notation
@@ -27,7 +27,6 @@ def test_a_computed_share_in_percent(share, digits, text):
     assert notation.percent(share, digits, "") == text.removesuffix(" %").replace(" ", "")
 
 
-@settings(deadline=None)  # no test reads the clock
 @given(SHARES, st.integers(0, 3))
 def test_no_computed_share_is_said_to_be_what_it_is_not(share, digits):
     text = notation.percent(share, digits)
@@ -51,7 +50,6 @@ def test_a_computed_probability_as_a_decimal(value, text):
     assert notation.probability(value) == text
 
 
-@settings(deadline=None)  # no test reads the clock
 @given(st.decimals("0.001", "9999", places=3, allow_nan=False), st.sampled_from([KNOT, NMI, 3600.0, 86_400.0, 0.3048]))
 def test_a_stated_number_comes_back_as_written(stated, unit):
     """Whatever the unit that it was converted from and back to."""
@@ -64,7 +62,6 @@ def test_a_number_given_in_another_unit_is_rounded():
     assert notation.number(100 / 3, 3) == "33.3"
 
 
-@settings(deadline=None)  # no test reads the clock
 @given(st.integers(0, 35_999))
 def test_a_stated_bearing_comes_back_as_written(hundredths):
     angle = math.degrees(math.radians(hundredths / 100))
@@ -72,7 +69,6 @@ def test_a_stated_bearing_comes_back_as_written(hundredths):
     assert len(notation.bearing(angle).partition(".")[0]) == 3
 
 
-@settings(deadline=None)  # no test reads the clock
 @given(st.integers(-8_999_999, 8_999_999), st.integers(-17_999_999, 17_999_999))
 def test_a_stated_position_comes_back_to_a_metre(lat, lon):
     """Of five decimals of degrees, which are four of minutes at most."""
