@@ -48,12 +48,12 @@ COUNTED = re.compile(
     re.IGNORECASE,
 )
 IN_AIR = re.compile(
-    r"(?:^|_)(ml|pl|hl|pbl)(?:$|_)|(model_?level|pressure_?level|hybrid|sigma|isobaric|tropopause|max(?:imum)?_?wind"
+    r"(?:^|_)(ml|pl|hl|pbl|hub)(?:$|_)|(model_?level|pressure_?level|hybrid|sigma|isobaric|tropopause|max(?:imum)?_?wind"
     r"|planetary_?boundary|potential_?vorticity|pvu|isotherm|isentropic)",
     re.IGNORECASE,
 )
 IN_WATER = re.compile(
-    r"(?:^|_)(bot|bed|bottom|barotropic|mid|(?:depth|lev(?:el)?|z|d)_?[1-9]\d{1,3})(?:$|_)"
+    r"(?:^|_)(bot|bed|bottom|barotropic|mid|(?:depth|lev(?:el)?|z|d)_?[1-9]\d{1,3})(?:$|_)|^[uv]o_([1-9]\d{1,3})$"
     r"|(bottom|barotropic|sea_?floor|^[uv]bar$)",
     re.IGNORECASE,
 )
@@ -330,7 +330,7 @@ def of_name(name: str, quantity: str) -> Levels | None:
         return _read("level", {"units": unit}, np.array([value]), quantity, True)
     word = (IN_AIR if in_air else IN_WATER).search(name)
     if word:
-        return Levels("level", "unknown", np.empty(0), word[1] or word[2], np.empty(0), None, True)
+        return Levels("level", "unknown", np.empty(0), word[word.lastindex or 0], np.empty(0), None, True)
     return None
 
 

@@ -10,7 +10,7 @@ from geo.array import Array
 from geo.box import Box
 from geo.grids import layout as lay
 from geo.grids.grid import Grid
-from geo.grids.layout import Axes, Curved, Layout, Triangles, uniform
+from geo.grids.layout import Axes, Curved, Layout, Plane, Triangles, uniform
 
 FINER = 2.0  # times the source's resolution (NorKyst-800: rms error of a component 0.7 %, at its own resolution 1.9 %)
 MOST_NODES = 4_000_000  # most nodes of a tile, which is 32 MB a slice
@@ -89,6 +89,11 @@ def _latitudes(item: Layout, lat: Array) -> tuple[float, float]:
     Where a cell holds a pole, it counts.
     """
     south, north = float(lat.min()), float(lat.max())
+    if isinstance(item, Plane) and max(-south, north) > POLAR:
+        pole = float(np.copysign(90.0, south + north))
+        (x,), (y,) = item.to_plane(np.array([0.0]), np.array([pole]))
+        if min(item.x) <= x <= max(item.x) and min(item.y) <= y <= max(item.y):
+            return min(south, pole), max(north, pole)
     if not isinstance(item, Curved) or max(-south, north) < POLAR:
         return south, north
     polar = (np.fmax.reduce(np.abs(item.lat), axis=1) > POLAR)[:-1]

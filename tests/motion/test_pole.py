@@ -137,14 +137,15 @@ position = {{ at = "{lat} 010 00W", error = "0.001 m" }}
     assert float(sphere.distance(*final(tmp_path / "case.toml"), *expected)) < 3.0  # of 36 km
 
 
+@pytest.mark.parametrize("shift", [0.0, 1250.0])
 @pytest.mark.parametrize("axes", ["grid", "true"])
-def test_a_polar_stereographic_file_is_followed_over_the_pole(tmp_path: Path, axes: str) -> None:
+def test_a_polar_stereographic_file_is_followed_over_the_pole(tmp_path: Path, axes: str, shift: float) -> None:
     """Components along the grid's own axes, or east and north at each point, values at the pole itself; a flow that shears and turns, linear in time."""
     import pyproj
 
     crs = pyproj.CRS.from_proj4("+proj=stere +lat_0=90 +lat_ts=70 +lon_0=-45 +R=6371008.8")
     x = np.arange(-161_250, 161_251, 2500.0)  # no point is the pole itself, where east is any direction
-    y = np.arange(-180_000, 180_001, 2500.0)
+    y = np.arange(-180_000, 180_001, 2500.0) + shift  # with a shift the pole lies amid a cell
     X, Y = np.meshgrid(x, y)
     hours = np.arange(0, 25)
 

@@ -266,7 +266,7 @@ def winds(path: Path, *names: str, speeds: Any = (5.0, 20.0, 30.0)) -> Path:
     ("name", "told"),
     [("?850", "850 hPa"), ("?GRD_850mb", "850 mb"), ("?100", "100 m"), ("100?", "100 m"), ("?_ml", '"ml"'),
      ("?GRD_tropopause", '"tropopause"'), ("?wnd_925hPa", "925 hPa"), ("?_component_of_wind_500", "500 hPa"),
-     ("?GRD_1829mabovemeansealevel", "1829 m"), ("?_height_100", "100 m"), ("?a_h80", "80 m"), ("?GRD_0D85sigma", "0.85"), ("?80m", "80 m")],
+     ("?GRD_1829mabovemeansealevel", "1829 m"), ("?_height_100", "100 m"), ("?a_h80", "80 m"), ("?_hub", '"hub"'), ("?GRD_0D85sigma", "0.85"), ("?80m", "80 m")],
 )  # fmt: skip
 def test_a_level_in_a_name_alone_is_judged(name: str, told: str, tmp_path: Path) -> None:
     """Refused as a level in an attribute is; the key that the refusal names takes it."""
@@ -306,6 +306,7 @@ def test_gusts_are_no_wind_whatever_their_standard_name(tmp_path: Path) -> None:
         ("u_z30", False),
         ("u_mid", False),
         ("ubar", False),
+        ("uo_30", False),
         ("u_0m", True),
         ("u_2m", True),
     ],
