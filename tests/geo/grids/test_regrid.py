@@ -166,7 +166,7 @@ def test_curved_grid_over_the_antimeridian(tmp_path: Path) -> None:
 def test_a_plane_that_holds_the_pole(tmp_path: Path) -> None:
     """All longitudes round the pole: the tile is seamless, and has values up to the pole."""
     to = pyproj.Proj(writers.STEREO)
-    x, y = np.arange(-2.5e6, 2.5e6, 50e3), np.arange(-2.0e6, 2.6e6, 50e3)
+    x, y = np.arange(-2.475e6, 2.5e6, 50e3), np.arange(-1.975e6, 2.6e6, 50e3)  # the pole lies amid a cell
     lon, lat = to(*np.meshgrid(x, y), inverse=True)
 
     def field(lon: Any, lat: Any) -> tuple[Any, Any]:
