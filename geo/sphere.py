@@ -104,3 +104,29 @@ def track(lon: npt.ArrayLike, lat: npt.ArrayLike, longest: float) -> tuple[Array
         x.append(between[0])
         y.append(between[1])
     return np.concatenate(x), np.concatenate(y)
+
+
+def to_pole(lon: npt.ArrayLike, lat: npt.ArrayLike, east: npt.ArrayLike, north: npt.ArrayLike) -> tuple[Array, Array]:
+    """Return vectors at places near a pole in one frame, that of the plane of the pole at the meridian of 0.
+
+    The frames of two places differ by the angle between their meridians: exact at the pole, and 1.5e-4 of that angle
+    off at 89 degrees. kernels.sphere.meridian is the same on the device.
+
+    Args:
+        lon: of the places [rad].
+        lat: of the places; only its sign counts, which says which pole.
+        east: component of the vectors there.
+        north: component of the vectors there.
+
+    Returns:
+        The components of the vectors in the common frame, in the unit of the input.
+    """
+    turn = np.asarray(lon, float) * np.where(np.asarray(lat) < 0, -1.0, 1.0)
+    cosine, sine = np.cos(turn), np.sin(turn)
+    u, v = np.asarray(east), np.asarray(north)
+    return np.asarray(u * cosine - v * sine), np.asarray(v * cosine + u * sine)
+
+
+def from_pole(lon: npt.ArrayLike, lat: npt.ArrayLike, east: npt.ArrayLike, north: npt.ArrayLike) -> tuple[Array, Array]:
+    """Return vectors of the common frame of `to_pole` as east and north at places (lon, lat) [rad]: its inverse."""
+    return to_pole(-np.asarray(lon, float), lat, east, north)

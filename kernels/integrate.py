@@ -19,6 +19,7 @@ MIDPOINT = ((0.0, 1 / 2), (0.0, 1.0))
 CLASSICAL = ((0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6))
 
 f32x2 = ti.types.vector(2, ti.f32)
+f32x3 = ti.types.vector(3, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
 
 
@@ -42,6 +43,17 @@ class Way:
     total: f32x2  # the sum of the stages so far
     valid: ti.f32  # 0 once a stage has found no forcing
     sets_off: ti.f32  # 0 where the first stage did not lead off the beach
+
+
+@ti.func
+def _sets_off(beached: ti.template(), way: ti.template(), entry: f32x2, r: f32x3, off: f32x2) -> ti.f32:
+    """Return 0 where the first stage's drift (east, north, valid) does not lead off the beach, else what it was."""
+    sets_off = way.sets_off
+    if ti.static(beached):
+        first = (entry[0] == 0.0) & ((off[0] != 0.0) | (off[1] != 0.0))
+        stays = first & ((r[2] < 0.5) | (r[0] * off[0] + r[1] * off[1] <= 0.0))
+        sets_off = ti.select(stays, 0.0, sets_off)
+    return sets_off
 
 
 @ti.func
@@ -76,11 +88,7 @@ def lead(
     c = c0 - d * (s0 + d * (0.5 * c0 - d * s0 * (1.0 / 6.0)))  # cos(lat + d), |d| < 0.02: error 7e-9
     x, y = lon + ti.cast(entry[0] * way.last[0], ti.i32), lat + ti.cast(entry[0] * way.last[1], ti.i32)
     r = velocity(features, sea, own, x, y, fraction)
-    sets_off = way.sets_off
-    if ti.static(beached):
-        first = (entry[0] == 0.0) & ((off[0] != 0.0) | (off[1] != 0.0))
-        stays = first & ((r[2] < 0.5) | (r[0] * off[0] + r[1] * off[1] <= 0.0))
-        sets_off = ti.select(stays, 0.0, sets_off)
+    sets_off = _sets_off(beached, way, entry, r, off)
     valid = way.valid * r[2]
     dlon = ti.select(valid > 0.5, r[0] * scale_lat / c, way.last[0])
     dlat = ti.select(valid > 0.5, r[1] * scale_lat, way.last[1])
@@ -115,11 +123,7 @@ def lead_over_pole(
     there = Drifter(line=own.line, error=f32x4(current[0], current[1], wind[0], wind[1]), member=own.member)
     r = velocity(features, sea, there, x, y, fraction)
     here = sphere.carried_back(f32x2(r[0], r[1]), turn)
-    sets_off = way.sets_off
-    if ti.static(beached):
-        first = (entry[0] == 0.0) & ((off[0] != 0.0) | (off[1] != 0.0))
-        stays = first & ((r[2] < 0.5) | (here[0] * off[0] + here[1] * off[1] <= 0.0))
-        sets_off = ti.select(stays, 0.0, sets_off)
+    sets_off = _sets_off(beached, way, entry, f32x3(here[0], here[1], r[2]), off)
     valid = way.valid * r[2]
     last = f32x2(ti.select(valid > 0.5, dt * here[0], way.last[0]), ti.select(valid > 0.5, dt * here[1], way.last[1]))
     return Way(last=last, total=way.total + entry[1] * last, valid=valid, sets_off=sets_off)

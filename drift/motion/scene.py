@@ -193,9 +193,7 @@ class Scene:
         )  # fmt: skip
         off_lon, off_lat = curve.slopes(begin.bend.to_numpy(), lives.share(step.elapsed, end, time))
         if begin.polar:
-            turn = lon * sphere.UNIT * np.where(lat < 0, -1.0, 1.0)
-            cosine, sine = np.cos(turn), np.sin(turn)
-            off = off_lon * cosine + off_lat * sine, off_lat * cosine - off_lon * sine
+            off = sphere.from_pole(lon * sphere.UNIT, lat, off_lon, off_lat)
         else:
             metres = sphere.UNIT * sphere.RADIUS
             off = off_lon * metres * np.cos(lat * sphere.UNIT), off_lat * metres

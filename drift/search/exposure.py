@@ -20,7 +20,7 @@ from drift.particles.ensemble import Ensemble
 from drift.search import laws, markers, patterns, sensor_path
 from drift.search.markers import Marker, Tracked
 from drift.search.records import Sortie
-from geo import notation
+from geo import notation, sphere
 from geo.array import Array
 from kernels import batch, runtime, sweep
 from kernels.advance import Step
@@ -176,7 +176,7 @@ class SortieExposure:
                 ring = self._ring
                 if polar:
                     lon, lat = np.radians(self._place.lon[:1]), self._place.lat[:1]
-                    ring = np.stack(sensor_path.at_pole(lon, lat, ring[::2], ring[1::2]), axis=1).reshape(-1)
+                    ring = np.stack(sphere.to_pole(lon, lat, ring[::2], ring[1::2]), axis=1).reshape(-1)
                 yield sweep.INSIDE, track, (ring, np.array([1 / (self.end - self.begin)]))
 
     def _expose_adrift(

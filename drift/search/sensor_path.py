@@ -70,13 +70,15 @@ class Path:
         course[:, 2:] = np.where(to == 1, last, course[:, 2:])
         if polar:
             each = np.radians(np.stack([lon[:-1], lon[1:]], axis=1)), np.stack([lat[:-1], lat[1:]], axis=1)
-            course = np.stack(at_pole(*each, *course.reshape(-1, 2, 2).transpose(2, 0, 1)), axis=-1).reshape(-1, 4)
+            course = np.stack(sphere.to_pole(*each, *course.reshape(-1, 2, 2).transpose(2, 0, 1)), axis=-1).reshape(
+                -1, 4
+            )
         if moved is not None:
             x, y = moved(time)
             apart = sphere.offset(np.radians(datum[0]), np.radians(datum[1]), np.radians(lon), np.radians(lat))
             if polar:  # it keeps its directions in the plane of the pole
                 at_datum = np.full(lon.shape, np.radians(datum[0])), np.full(lon.shape, datum[1])
-                apart = at_pole(-x, y, *at_pole(*at_datum, *apart))
+                apart = sphere.from_pole(x, y, *sphere.to_pole(*at_datum, *apart))
             lon, lat = (np.degrees(angle) for angle in sphere.destination(x, y, *apart))
         place = np.stack([sphere.to_binary(lon), sphere.to_binary(lat)], axis=1)
         turned = np.radians(lat)
@@ -103,20 +105,6 @@ class Path:
             for nodes, inner in zip((self.lon, self.lat), between, strict=True)
         )
         return first, last
-
-
-def at_pole(lon: Array, lat: Array, east: Array, north: Array) -> tuple[Array, Array]:
-    """Return vectors at places near a pole, carried to the meridian of 0: see kernels.sphere.meridian.
-
-    Args:
-        lon: of the places [rad].
-        lat: of the places; its sign says which pole.
-        east: of the vectors there.
-        north: of the vectors there.
-    """
-    turn = lon * np.where(lat < 0, -1.0, 1.0)
-    cosine, sine = np.cos(turn), np.sin(turn)
-    return east * cosine - north * sine, north * cosine + east * sine
 
 
 def of_legs(legs: Legs, start: int) -> Path:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from geo import notation
+from geo import notation, sphere
 from geo.box import Box
 from geo.errors import UserError
 from geo.files import address, dataset
@@ -295,9 +295,8 @@ def _uniform(
 
     def read_about(i: int) -> NDArray[np.float32]:
         assert about is not None
-        turn = np.radians(ABOUT_POLE.lon - about[0]) * np.copysign(1.0, about[1])
-        u, v = values[i].astype(float)
-        row = np.stack((u * np.cos(turn) + v * np.sin(turn), v * np.cos(turn) - u * np.sin(turn)), axis=-1)
+        common = sphere.to_pole(np.radians(about[0]), about[1], *values[i].astype(float))
+        row = np.stack(sphere.from_pole(np.radians(ABOUT_POLE.lon), about[1], *common), axis=-1)
         return np.ascontiguousarray(np.broadcast_to(row.astype(np.float32), (2, *row.shape)))
 
     spoken = " then ".join(

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from geo import sphere
 from geo.array import Array
 from geo.box import Box
 from geo.forcing import slices
@@ -34,8 +35,8 @@ class Tile:
 
     components, layouts: the two components and their points; matrices: their weights, None where taken as they are.
     directions: (nlat, columns, 4) unit vectors of the components' axes, None where they are east and north;
-    dry: points whose zeros are land, per component. turn: of each point, by how much its east and north are turned from those at
-    the meridian of 0 [rad], where they are carried about a pole as one frame; None elsewhere.
+    dry: points whose zeros are land, per component. about_pole: lon and lat of each point [rad], where east and
+    north are carried about a pole in one frame; None elsewhere.
     """
 
     grid: Grid
@@ -45,7 +46,7 @@ class Tile:
     directions: NDArray[np.float32] | None
     dry: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None
     notes: tuple[str, ...]
-    turn: Array | None = None
+    about_pole: tuple[Array, Array] | None = None
 
 
 @dataclass(frozen=True)
@@ -92,12 +93,11 @@ def make(
         if not _together(first, second):
             notes.append("the components stand at different points (a staggered grid): each is carried from its own")
     directions = _directions(grid, layouts, matrices, axes, notes)
-    turn = None
-    about_pole = matrices is not None and np.abs(grid.lat).max() > ABOUT_POLE
-    if about_pole and directions is None and _together(first, second):
+    about_pole = None
+    if matrices is not None and directions is None and np.abs(grid.lat).max() > ABOUT_POLE and _together(first, second):
         lon, lat = layout.points(first)
-        turn = np.radians(lon) * np.where(lat < 0, -1.0, 1.0)
-    return Tile(grid, components, layouts, matrices, directions, None, tuple(notes), turn)
+        about_pole = np.radians(lon), np.radians(lat)
+    return Tile(grid, components, layouts, matrices, directions, None, tuple(notes), about_pole)
 
 
 def domain(tile: Tile) -> NDArray[np.bool_] | None:
@@ -199,15 +199,12 @@ def _carried(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArr
         return np.asarray(x, np.float32), np.asarray(y, np.float32)
     shape = (tile.grid.nlat, tile.grid.columns)
     a, b = (regrid.carry(m, v).reshape(shape) for m, v in zip(tile.matrices, (x, y), strict=True))
-    if tile.turn is not None:
-        cosine, sine = np.cos(tile.turn), np.sin(tile.turn)
-        turned = x * cosine - y * sine, y * cosine + x * sine
-        east, north = (regrid.carry(m, v).reshape(shape) for m, v in zip(tile.matrices, turned, strict=True))
+    if tile.about_pole is not None:
+        common = sphere.to_pole(*tile.about_pole, x, y)
+        east, north = (regrid.carry(m, v).reshape(shape) for m, v in zip(tile.matrices, common, strict=True))
         rows = np.abs(tile.grid.lat) > ABOUT_POLE
-        turn = np.radians(tile.grid.lon[: tile.grid.columns]) * np.sign(tile.grid.lat[rows])[:, None]
-        cosine, sine = np.cos(turn), np.sin(turn)
-        a[rows] = east[rows] * cosine + north[rows] * sine
-        b[rows] = north[rows] * cosine - east[rows] * sine
+        lon, lat = np.radians(tile.grid.lon[: tile.grid.columns]), tile.grid.lat[rows][:, None]
+        a[rows], b[rows] = sphere.from_pole(lon, lat, east[rows], north[rows])
     return a, b
 
 
@@ -237,21 +234,17 @@ def _at_pole(own: Values, inner: Values, lon: Array, lat: float) -> Values:
         lon: of the columns [deg], shape (nlon,).
         lat: of the pole, 90 or -90 [deg].
     """
-    turn = np.radians(lon) * np.sign(lat)
-    cosine, sine = np.cos(turn), np.sin(turn)
 
     def mean(row: Values) -> Array:
         """Return the mean vector [m/s] as it is at the meridian of 0."""
-        east, north = row.astype(float).T
-        each = np.stack((east * cosine - north * sine, north * cosine + east * sine), axis=-1)[:-1]
+        each = np.stack(sphere.to_pole(np.radians(lon), lat, *row.astype(float).T), axis=-1)[:-1]
         known = np.isfinite(each).all(axis=1)
         return np.asarray(each[known].mean(axis=0) if known.any() else np.full(2, np.nan))
 
     vector = mean(own)
     if not np.hypot(*vector) >= AGREES * np.nanmax(np.append(np.hypot(*own.T), 0.0)):
         vector = mean(inner)
-    east, north = vector
-    return np.stack((east * cosine + north * sine, north * cosine - east * sine), axis=-1).astype(np.float32)
+    return np.stack(sphere.from_pole(np.radians(lon), lat, *vector), axis=-1).astype(np.float32)
 
 
 def read(tile: Tile, i: int) -> Values:
