@@ -9,7 +9,7 @@ from drift.forecast.likeliest import Shown
 from drift.forecast.survey import Survey
 from drift.particles.snapshot import Output, mapped
 from drift.particles.status import Status
-from geo import cells, sphere
+from geo import cells, mixing, sphere
 from geo.array import Array
 from geo.cells import Cells
 
@@ -107,8 +107,6 @@ def group(place: Array, n: int) -> Array:
     """
     run = min(max(n // 2048, 1), 32)
     code = place.astype(np.uint64) // np.uint64(run) + np.uint64(1)
-    with np.errstate(over="ignore"):  # splitmix64 (Steele et al. 2014, doi:10.1145/2660193.2660195)
-        code = code * np.uint64(0x9E3779B97F4A7C15)
-        code = (code ^ (code >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-        code = (code ^ (code >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return ((code ^ (code >> np.uint64(31))) >> np.uint64(62)).astype(np.int64)
+    with np.errstate(over="ignore"):
+        code = code * np.uint64(0x9E3779B97F4A7C15)  # the steps of SplitMix64's counter
+    return (mixing.mixed(code) >> np.uint64(62)).astype(np.int64)

@@ -244,7 +244,7 @@ def _key(slot: Slot) -> str:
 
 
 def _spelled(after: Aftermath, visit: Visit) -> str:
-    """Return a stretch as a case names it: by the user's name, else by its id, which no domain changes."""
+    """Return a stretch as a case names it: by the user's name, else by its id."""
     name, place = after.segments.name[visit.segment], after.segments.id[visit.segment]
     where = notation.position(float(after.segments.lon[visit.segment]), float(after.segments.lat[visit.segment]))
     return place if where and where in name else name

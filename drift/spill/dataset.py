@@ -156,7 +156,7 @@ def _places(segments: Segments, touched: Array) -> dict[str, tuple[str, Any, dic
         "stretch_id": (
             "segment",
             np.array([segments.id[i] for i in touched] if segments.id else [""] * len(touched), object),
-            {"long_name": "id of the stretch: the geohash of its middle, which no domain changes"},
+            {"long_name": "id of the stretch: the geohash of its middle"},
         ),
         "access": ("segment", np.array([segments.access[i] for i in touched], object), {"long_name": "kind of shore"}),
         "lon": (

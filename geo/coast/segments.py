@@ -1,8 +1,10 @@
 """The shoreline cut into stretches: of a given length, or as a user's GeoJSON names them.
 
-A stretch is a set of whole shoreline edges (geo.coast.edges.edges), which are never split, so that lengths are equal as
-far as edges allow. Rings shorter than half a stretch, and pieces as short that a box or a named stretch leaves of a
-coast, are no stretches of their own: all those in one square, about a stretch wide, are one segment together.
+A stretch is a set of whole shoreline edges (geo.coast.edges.edges), which are never split. The shoreline from one
+landmark to the next is cut into equal lengths, as far as edges allow. Landmarks are chosen by the places round them alone,
+so that a coast has the same stretches in every domain: but near the domain's edge, where the coast is cut. Rings shorter
+than half a stretch, and pieces as short that a box or a named stretch leaves of a coast, are no stretches of their own:
+all those in one square, about a stretch wide, are one segment together.
 
 Lengths are great circles between the edges' ends. Nearness is computed in the plane tangent to the parallel of the
 place in question: exact nearby, off by some percent at 500 km.
@@ -18,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from geo import geohash, notation, sphere
+from geo import geohash, mixing, notation, sphere
 from geo.array import Array
 from geo.coast import edges as shoreline
 from geo.coast.edges import Coast
@@ -29,6 +31,9 @@ from geo.files import small as file
 NEAR = 2_000.0  # [m] largest distance from a named line to its shoreline
 METRES = np.pi * sphere.RADIUS / 180  # [m] in a degree of latitude
 DEGREES = 360.0 / sphere.TURN  # [deg] in a binary angle unit
+REACH = (
+    4.0  # stretches on both sides of a landmark, as far as no other lies: lengths are within an eighth of what is asked
+)
 ID_LENGTH = 9  # letters of an id: its cell is 5 m wide
 UNKNOWN = ""  # kind of a shore of which the user's file says nothing
 
@@ -154,9 +159,8 @@ def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], leng
     """
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"length of a segment: {length} m; must be more than 0")
-    order, chain, closed = _chains(edge, owner)
-    a, b = np.deg2rad(edge[order, :2] * DEGREES).T, np.deg2rad(edge[order, 2:] * DEGREES).T
-    size = sphere.distance(*a, *b)
+    order, chain, closed = _chains(edge, owner, REACH * length)
+    a, size = np.deg2rad(edge[order, :2] * DEGREES).T, _lengths(edge[order])
     total = np.bincount(chain, size)
     first = np.flatnonzero(np.diff(chain, prepend=-1))
     share = np.maximum(np.rint(total / length), 1)[chain]  # number of stretches in the edge's chain
@@ -186,7 +190,8 @@ def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], leng
     rank[np.lexsort((np.where(unnamed, begins, 0), unnamed))] = np.arange(len(begins))
     number = rank[number]
 
-    by_segment = np.lexsort((np.arange(len(order)), number))
+    mark = _marks(edge[order])[first][chain]  # chains of one segment follow one another by it, whatever their numbers
+    by_segment = np.lexsort((np.arange(len(order)), mark, number))
     order, number, size = order[by_segment], number[by_segment], size[by_segment]
     of_edge = np.empty(len(edge), np.int32)
     of_edge[order] = number
@@ -210,12 +215,12 @@ def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], leng
     )
 
 
-def _chains(edge: Array, label: Array) -> tuple[Array, Array, Array]:
+def _chains(edge: Array, label: Array, reach: float) -> tuple[Array, Array, Array]:
     """Return the edges in running order, the chain of each of these, and whether chains are rings.
 
-    A chain is a run of edges of one label, each beginning where the one before ends. The parts into which a ring's
-    first point divides a chain are joined there. A ring begins at its southernmost point, so that stretches depend
-    neither on the box nor on where a file happens to begin.
+    A chain is a run of edges of one label, each beginning where the one before ends: from landmark to landmark (see
+    `_landmarks`), so that stretches depend neither on the box nor on where a file happens to begin. The parts into
+    which a ring's first point divides a chain are joined there.
     """
     if not len(edge):
         return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, bool)
@@ -244,10 +249,54 @@ def _chains(edge: Array, label: Array) -> tuple[Array, Array, Array]:
     first = np.flatnonzero(np.diff(chain, prepend=-1))
     count = np.diff(np.append(first, len(edge)))
     closed = (edge[order[first], :2] == edge[order[first + count - 1], 2:]).all(axis=1)
-    lowest = np.lexsort((edge[order, 0], edge[order, 1], chain))[first] - first
-    turned = np.where(closed, lowest, 0)[chain]
+    landmark, least = _landmarks(edge[order], first, closed, reach)
+    turned = np.where(closed, least - first, 0)[chain]
     within = (np.arange(len(edge)) - first[chain] - turned) % count[chain]
-    return order[np.lexsort((within, chain))], chain, closed
+    running = np.lexsort((within, chain))
+    begins = landmark[running] | (within[running] == 0)
+    whole = closed & (np.add.reduceat(landmark, first, dtype=np.int64) == 1)
+    return order[running], np.cumsum(begins) - 1, whole[chain[begins]]
+
+
+def _lengths(edge: Array) -> Floats:
+    """Return the great circles [m] between the ends of edges."""
+    return np.asarray(sphere.distance(*np.deg2rad(edge[:, :2] * DEGREES).T, *np.deg2rad(edge[:, 2:] * DEGREES).T))
+
+
+def _marks(edge: Array) -> Array:
+    """Return random numbers that the places where edges begin give."""
+    place = edge[:, :2].astype(np.int32).view(np.uint32).astype(np.uint64)
+    return mixing.mixed(place[:, 0] << np.uint64(32) | place[:, 1])
+
+
+def _landmarks(edge: Array, first: Array, closed: Array, reach: float) -> tuple[Array, Array]:
+    """Return which edges, in running order, begin at a landmark, and the edge of each chain whose mark is the least.
+
+    A landmark has the least mark of all points within `reach` [m]
+    along its chain to both sides, and the chain goes on as far: a larger box has the same landmarks, and more.
+
+    first: the first edge of each chain. closed: whether it is a ring.
+    """
+    mark, size, found = _marks(edge), _lengths(edge), np.zeros(len(edge), bool)
+    count, total = np.diff(np.append(first, len(edge))), np.add.reduceat(size, first)
+    least = np.lexsort((mark, np.repeat(np.arange(len(first)), count)))[first]
+    found[least[closed]] = True  # no other of its ring is less
+    for chain in np.flatnonzero(total > 2 * reach):
+        own = slice(first[chain], first[chain] + count[chain])
+        at = np.cumsum(size[own]) - size[own]
+        turns = np.array([-1, 0, 1] if closed[chain] else [0])
+        around, marks = (total[chain] * turns[:, None] + at).ravel(), np.tile(mark[own], len(turns))
+        candidates = np.flatnonzero(np.diff(at // reach, prepend=-1))
+        best = np.minimum.reduceat(
+            mark[own], candidates
+        )  # of each part as long as the reach: a landmark is one of these
+        candidates = np.flatnonzero(mark[own] == np.repeat(best, np.diff(np.append(candidates, len(at)))))
+        if not closed[chain]:
+            candidates = candidates[(at[candidates] >= reach) & (at[candidates] <= total[chain] - reach)]
+        for k in candidates:
+            low, high = np.searchsorted(around, at[k] - reach), np.searchsorted(around, at[k] + reach, "right")
+            found[own.start + k] = mark[own][k] == marks[low:high].min()
+    return found, least
 
 
 def _midpoints(edge: Array, number: Array, size: Array) -> tuple[Floats, Floats]:

@@ -2,7 +2,8 @@
 
 Nothing of drift, geo or kernels is used. The flow is uniform in space and linear in time between rows; errors of current and
 wind are Ornstein-Uhlenbeck processes that both of a pair share, moved by their exact integrals (tests.oracles.oracle). Debris
-has plain windage. Pairs whose debris would not come near the find if there were no coast are dropped before a coast is asked.
+has plain windage. Pairs whose debris would never come near the find if there were no coast are dropped before a coast is asked:
+at no end of a step, since debris that passed the find may have stranded beside it.
 """
 
 from collections.abc import Callable
@@ -55,7 +56,7 @@ def add_pairs(sums: Sums, rng: np.random.Generator, n: int, setup: Setup, rows: 
     """Draw n releases with their errors and debris, and add those that are found, each with an object of every row.
 
     rows: of the leeway table. Debris is first moved on a flat sea without a coast, by sums of its errors; only what comes near the
-    find is moved step by step on the sphere, with its objects.
+    find, at its time or before, is moved step by step on the sphere, with its objects.
     """
     lon, lat = oracle.moved(np.full(n, setup.lon), np.full(n, setup.lat), *(setup.std * rng.standard_normal((2, n))))
     if setup.coast is not None:
@@ -69,13 +70,15 @@ def add_pairs(sums: Sums, rng: np.random.Generator, n: int, setup: Setup, rows: 
     ends = np.minimum(begins + setup.step, setup.time)
     processes = [_Process(rng, n, *setup.current_error), _Process(rng, n, *setup.wind_error)]
     kept = np.empty((len(begins), 4, n), np.float32)
-    flat = np.zeros((2, n))
+    flat, near = np.zeros((2, n)), np.zeros(n, bool)
     for k, (begin, end) in enumerate(zip(begins, ends, strict=True)):
         kept[k, :2], kept[k, 2:] = (process.mean_over(end - begin) for process in processes)
         u, a = (np.array(_mean(flow, begin, end))[:, None] for flow in (setup.current, setup.wind))
         flat += (end - begin) * (u + kept[k, :2] + slope * (a + kept[k, 2:]))
-    x, y = oracle.moved(lon, lat, *flat)
-    near = np.hypot(*_apart(setup, x, y)) < BEYOND * setup.found_std * np.sqrt(2) + 0.02 * np.hypot(*flat) + 300
+        if setup.coast is not None or k == len(begins) - 1:
+            x, y = oracle.moved(lon, lat, *flat)
+            reach = BEYOND * setup.found_std * np.sqrt(2) + 0.02 * np.hypot(*flat) + 300
+            near |= np.hypot(*_apart(setup, x, y)) < reach
     if near.any():
         _add_found(sums, rng, setup, rows, np.stack([lon, lat])[:, near], slope[near], kept[:, :, near], begins, ends)
 

@@ -103,8 +103,8 @@ def test_a_base_on_water_begins_at_the_nearest_land_and_says_so(tmp_path):
         ('base = [-0.6, 0.6]\nreach = "20 km"', "no land lies within its reach of 20 km from its base; the nearest is 6",
          'base = [-0.6, 0.6]\nreach = "90 km"'),
         ('base = [0.15, 0.12]\nreach = "2 km"', "no land lies within its reach of 2 km", 'base = [0.1, 0.1]\nreach = "9 km"'),
-        ('base = [0.14, 0.299]\nreach = "4 km"', "no stretch within 4 km of its base can be reached over land",
-         'base = [0.14, 0.299]\nreach = "4 km"\ncrosses_water = true'),
+        ('base = [0.161, 0.262]\nreach = "4 km"', "no stretch within 4 km of its base can be reached over land",
+         'base = [0.161, 0.262]\nreach = "4 km"\ncrosses_water = true'),
         ('base = [0, 0]\nreach = "2000 km"', "at most 1000 km over land", ""),
     ],
 )  # fmt: skip
