@@ -1,7 +1,8 @@
 """A chart to draw on: projection, extent, land, graticule, scale bar.
 
-Mercator centred on the chart up to 75 degrees of latitude, else Lambert's azimuthal equal-area projection, near a pole about
-the pole itself: all have north up in the middle and know no antimeridian. Axes are plain, in projected metres.
+Mercator centred on the chart up to 75 degrees of latitude, else Lambert's azimuthal equal-area projection: both have north
+up in the middle. Near a pole that projection is about the pole itself, and no north arrow is drawn. None knows an
+antimeridian. Axes are plain, in projected metres.
 """
 
 from collections.abc import Iterable
@@ -39,6 +40,7 @@ class Frame:
     centre: tuple[float, float]
     x: tuple[float, float]
     y: tuple[float, float]
+    about_pole: bool = False  # all round its middle is south, or north: no direction of the paper is
 
     def project(self, lon: Any, lat: Any) -> tuple[Array, Array]:
         """Return (x, y) [m] of positions [deg] at any number of turns; same shape."""
@@ -80,11 +82,10 @@ def frame(lon: Array, lat: Array, aspect: float, margin: float = 0.08, least: fl
     """
     lon, lat = np.asarray(lon, float), np.asarray(lat, float)
     middle = (float(lon.min() + lon.max()) / 2, float(lat.min() + lat.max()) / 2)
+    about_pole = bool(np.abs(lat).max() > POLAR)
     if np.abs(lat).max() <= 75 and np.ptp(lon) < 180:
         crs = ccrs.Mercator(central_longitude=middle[0], globe=GLOBE)
-    elif (
-        np.abs(lat).max() > POLAR
-    ):  # in the middle of the longitudes of what may lie all round the pole nothing need lie
+    elif about_pole:  # in the middle of the longitudes of what may lie all round the pole nothing need lie
         pole = float(np.copysign(90.0, middle[1]))
         crs = ccrs.LambertAzimuthalEqualArea(central_longitude=middle[0], central_latitude=pole, globe=GLOBE)
     else:
@@ -94,7 +95,7 @@ def frame(lon: Array, lat: Array, aspect: float, margin: float = 0.08, least: fl
     wide, high = (max(float(np.ptp(v)) * (1 + 2 * margin), least) for v in (x, y))
     wide, high = max(wide, high * aspect), max(high, wide / aspect)
     cx, cy = float(x.min() + x.max()) / 2, float(y.min() + y.max()) / 2
-    return Frame(crs, middle, (cx - wide / 2, cx + wide / 2), (cy - high / 2, cy + high / 2))
+    return Frame(crs, middle, (cx - wide / 2, cx + wide / 2), (cy - high / 2, cy + high / 2), about_pole)
 
 
 def prepare(ax: Axes, frame: Frame) -> None:
@@ -207,7 +208,7 @@ def degrees_minutes(value: float, is_lon: bool, step: float) -> str:
 def scale_bar(ax: Axes, frame: Frame, corner: tuple[float, float], small: bool = False) -> Bbox:
     """Draw a bar in nautical miles with its lower left at a corner [axes fraction]; return its box.
 
-    A north arrow stands beside it, unless small.
+    A north arrow stands beside it, unless the bar is small or the chart lies about a pole.
     """
     (x0, x1), (y0, y1) = frame.x, frame.y
     high, size = (0.105, 7) if small else (0.075, 8)
@@ -246,7 +247,7 @@ def scale_bar(ax: Axes, frame: Frame, corner: tuple[float, float], small: bool =
     ax.text(left, base + 0.017, "0", ha="center", **style)
     ax.text(left + wide, base + 0.017, f"{length:g} nmi", ha="center", **style)
     box_drawn = Bbox.from_bounds(*corner, wide + (0.13 if small else 0.09), high)
-    if small:
+    if small or frame.about_pole:
         return box_drawn
     arrow = corner[0] + wide + 0.072
     ax.annotate(

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 import taichi as ti
 import xarray as xr
 
@@ -324,6 +325,15 @@ waypoints = [{at(*ends[0])}, {at(*ends[1])}]
     passed = (along > 0) & (along < long) & (across < 0.5 / 0.8)
     # Of 4000 particles two lie within the third order of the plane at an edge.
     assert result.updates.all[0].pos[-1] == pytest.approx(0.8 * passed.mean(), abs=5e-4)
+
+
+@pytest.mark.parametrize(("latitude", "arrow"), [(89.9, False), (-88.5, False), (87.0, True)])
+def test_no_north_arrow_where_north_is_no_direction_of_the_paper(latitude: float, arrow: bool) -> None:
+    frame = chart.frame(np.array([20.0, 30.0]), np.array([latitude - 0.05, latitude + 0.05]), 1.3)
+    axes = Figure().add_subplot()
+    chart.prepare(axes, frame)
+    chart.scale_bar(axes, frame, (0.015, 0.015))
+    assert ("N" in [text.get_text() for text in axes.texts]) == arrow
 
 
 @pytest.mark.parametrize("pole", [1, -1])
