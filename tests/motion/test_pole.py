@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 import taichi as ti
 import xarray as xr
+from matplotlib.figure import Figure
 
 import drift
 from drift.maps import chart
