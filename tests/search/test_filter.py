@@ -719,9 +719,9 @@ def test_object_and_debris_part_inside_a_step(tmp_path):
 
 
 def test_copies_ashore_begin_their_waits_anew_debris_too(tmp_path):
-    """Else a copy, whose wait is drawn for its own slot, may long have waited enough: 82 % left at once instead of 29 %."""
+    """Else a copy, whose wait is drawn for its own slot, may long have waited enough, and most would leave at once."""
     (tmp_path / "land.geojson").write_text(spills.SHORE)
-    coast = '[coast]\nsource = "land.geojson"\nbehaviour = "refloat"\nhalf_life = "1 h"\n'
+    coast = '[coast]\nsource = "land.geojson"\nbehaviour = "refloat"\nhalf_life = "2 h"\n'
     text = STILL.replace('[coast]\nsource = "none"\n', coast) + NORMAL.format(d=5).replace(
         "[-179.99, 30.0]", "[-0.2, 0.1]"
     )
