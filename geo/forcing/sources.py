@@ -318,9 +318,7 @@ def as_said(quantity: str, east: float, north: float) -> str:
     toward = np.degrees(np.arctan2(east, north))
     from_ = QUANTITIES[quantity].in_air
     angle = float(toward + 180 if from_ else toward)
-    return (
-        f"{notation.number(speed / notation.KNOT, 4)} kn {'from' if from_ else 'toward'} {notation.bearing(angle, 4)}"
-    )
+    return f"{notation.number(speed / notation.KNOT)} kn {'from' if from_ else 'toward'} {notation.bearing(angle)}"
 
 
 def analytic(
