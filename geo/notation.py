@@ -47,7 +47,7 @@ def toward(lon1: float, lat1: float, lon2: float, lat2: float) -> str:
 
 
 def percent(share: float, digits: int = 1, unit: str = " %") -> str:
-    """Return a computed probability or share in percent, which says nothing false at its ends.
+    """Return a computed probability or share in percent, never rounded to 0 % or 100 %.
 
     What is exactly 0 or 1 is "0 %" or "100 %"; what is only near is "< 0.1 %" or "> 99.9 %".
 

@@ -39,7 +39,7 @@ Percent = Annotated[float, BeforeValidator(_percent)]
 
 
 class Expect(fields.Table):
-    """Ranges at the end of the run: shares by what became of the object, containment areas, the mean position.
+    """Ranges at the end of the run: shares by fate of the object, containment areas, the mean position.
 
     `drift run` says in one line whether the forecast is within them; if not, its exit status is 1 and the results are
     written all the same. `--set expect='{}'` leaves them out, as for a run with other inputs.
@@ -101,8 +101,8 @@ def misses(expected: Expect, end: Mapping[str, Any]) -> list[str]:
     return missed
 
 
-def told(expected: Expect, end: Mapping[str, Any]) -> dict[str, Any]:
-    """Return whether a forecast is as its case expects, and what it misses; {} where the case expects nothing.
+def evaluate(expected: Expect, end: Mapping[str, Any]) -> dict[str, Any]:
+    """Return whether a forecast meets its case's [expect], and what it misses; {} where the case has none.
 
     end: as in `misses`.
     """

@@ -196,8 +196,8 @@ def _finds(run: Finished) -> Iterator[Place]:
     for row in run.rows("finds.csv"):
         odd = "ODD, check it: " if row["odd"] == "yes" else ""
         words = (
-            f"{odd}{row['name']}, {row['position']}, {row['stretch']}, {row['class'] or 'class unknown'}, by {row['by']}; the next find was to be there "
-            f"with {notation.percent(float(row['probability_beforehand']))}, anywhere at most as likely with {notation.percent(float(row['tail']))}; none of ours with "
+            f"{odd}{row['name']}, {row['position']}, {row['stretch']}, {row['class'] or 'class unknown'}, by {row['by']}; probability of the next find there "
+            f"{notation.percent(float(row['probability_beforehand']))}, at places at most as likely {notation.percent(float(row['tail']))}; not from this spill: "
             f"{notation.percent(float(row['none_of_ours']))}"
         )
         point = geojson.point(float(row["lon_deg"]), float(row["lat_deg"]))
