@@ -1,4 +1,4 @@
-"""What odd inputs and numbers at their limits do to the commands beside run: they end well, they refuse in lines, or something else.
+"""What odd inputs and numbers at their limits do to the commands other than run: success, an error in lines, or something else.
 
 `track`, `experiment`, `bridge`, `fit-bridge`, `compare`, `verify`, `fit-errors` and `sensor` are started as on the command line, in one process,
 with a file or two of their options changed: keys of a case, cells of a table, numbers of options. Each writes over the results of the trial

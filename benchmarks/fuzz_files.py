@@ -3,7 +3,7 @@
 netCDF-3 and -4 files of regular, packed, projected, staggered and triangular grids, some with checksums (Fletcher-32), GRIB files of
 both editions, and Zarr stores of both formats are damaged: bytes changed, cut off, blanked, doubled. Each is opened as `drift info` does
 and all its slices are read. "other values" is what damage does that nothing in the file can show: its digest in summary.json tells.
-"other values, checksums": 0. A refusal of a Zarr store names the file in it that is damaged, or the array: "no place": 0.
+"other values, checksums": 0. The error for a Zarr store names the damaged file in it, or the array: "no place": 0.
 
 python benchmarks/fuzz_files.py [--netcdf 500] [--grib 200] [--zarr 250] [--seed 0]
 """
@@ -139,7 +139,7 @@ def damaged_store(path: Path, rng: random.Random) -> tuple[str, str]:
 
 
 def read_store(path: Path, values: list[np.ndarray]) -> str:
-    """Read a Zarr store; return what came of it, and raise what a refusal with a place raises."""
+    """Read a Zarr store; return what came of it, and raise what an error with a place raises."""
     try:
         seen = truth(path)
     except UserError as error:

@@ -1,7 +1,7 @@
 """What `drift export` makes of damaged or strange results: one line, or files that can be read; nothing else may be.
 
 A plan at sea, a plan of patrols and an origin are made once. Of each trial one of their files is damaged (JSON, CSV and
-XML in their structure and values, netCDF in its variables, all of them in their bytes), its manifest is written anew, as
+XML in their structure and values, netCDF in its variables, all of them in their bytes), its manifest is written again, as
 somebody would who means it, and the folder is exported in one of the formats. What is written is read back.
 
 python benchmarks/fuzz_results.py [--trials-of 2000] [--seed 0]; smallest: --trials-of 10
@@ -161,7 +161,7 @@ def _netcdf(path: Path, rng: random.Random) -> str:
 def tried(whole: Path, folder: Path, rng: random.Random) -> tuple[str, str]:
     """Export a result of which one file is damaged; return what was damaged, and "written" if that could be done.
 
-    Raises UserError where it is refused, and ValueError or ET.ParseError where what was written cannot be read.
+    Raises UserError where it is rejected, and ValueError or ET.ParseError where what was written cannot be read.
     """
     copy = folder / "result"
     shutil.copytree(whole, copy)

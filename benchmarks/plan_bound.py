@@ -18,7 +18,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -161,8 +161,10 @@ def beaten(one: dict[str, Any]) -> list[str]:
     return over + ["the plan executed"] * (one["executed"] > one["limit"] + 2 * one["error"])
 
 
-def moved(options: argparse.Namespace) -> int:
-    """Try cases that move and that the file does not hold yet; print what all in it come to; return how many bounds were beaten."""
+def resumed(
+    compute: Callable[[int, argparse.Namespace], dict[str, Any]], options: argparse.Namespace
+) -> list[dict[str, Any]]:
+    """Return the results that the file holds, after computing those of options that it lacks and appending them to it."""
     path = Path(options.file)
     done = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     known = {one["case"] for one in done}
@@ -170,13 +172,19 @@ def moved(options: argparse.Namespace) -> int:
         if number in known:
             continue
         try:
-            one = move(number, options)
-        except UserError as refused:  # no unit can search, or nothing is left to be found
-            one = {"case": number, "refused": str(refused)}
+            one = compute(number, options)
+        except UserError as error:  # no unit can search, or nothing is left to be found
+            one = {"case": number, "refused": str(error)}
         done.append(one)
         with path.open("a") as file:
             file.write(json.dumps(one) + "\n")
         print(one, flush=True)
+    return done
+
+
+def moved(options: argparse.Namespace) -> int:
+    """Try cases that move and that the file does not hold yet; print what all in it come to; return how many bounds were beaten."""
+    done = resumed(move, options)
     ran = sorted((one for one in done if "limit" in one), key=lambda one: int(one["case"]))
     table = Table("case", "what", "bound", "seen", "executed", *MANNERS, "beaten by", "plan s", "bound s")
     for one in ran:

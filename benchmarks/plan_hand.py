@@ -10,11 +10,9 @@ difference. Exits 1 if one is.
 """
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import hand_patterns
@@ -33,7 +31,6 @@ from drift.planner.optimiser import Proposal
 from drift.planner.planning_tracks import Tracks
 from drift.search.records import PlanSpec, Unit
 from geo import notation
-from geo.errors import UserError
 from kernels import rectangles, runtime, sweeps
 
 MANNERS = (*hand_patterns.DRAWN, *hand_patterns.CHASED)
@@ -129,19 +126,7 @@ def main() -> None:
     parser.add_argument("--file", default="plan_hand.jsonl")
     options = parser.parse_args()
     runtime.start("cpu", options.threads)
-    path = Path(options.file)
-    done = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-    known = {one["case"] for one in done}
-    for number in range(options.first, options.first + options.cases):
-        if number in known:
-            continue
-        try:
-            one = compare(number, options)
-        except UserError as refused:  # no unit can search, or nothing is left to be found
-            one = {"case": number, "refused": str(refused)}
-        done.append(one)
-        with path.open("a") as file:
-            file.write(json.dumps(one) + "\n")
+    done = plan_bound.resumed(compare, options)
     ran = sorted((one for one in done if "hands" in one), key=lambda one: int(one["case"]))
     table = Table("case", "what", "seen", "plan", *MANNERS, "flown", "beaten by", "plan s")
     for one in ran:

@@ -149,7 +149,7 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
 
 
 def lead_of(case: Case, where: Environment, setup: Setup) -> Lead:
-    """Return what a run before the run goes through, by which particles are guided."""
+    """Return what the pilot run for guiding particles needs."""
     return Lead(setup.spec, setup.scene, setup.clock, lambda: Forcing(list(where.scenarios), case.direction))
 
 

@@ -57,7 +57,7 @@ class Cells:
         half = self.height * sphere.UNIT / 2
         # sin b - sin a = 2 cos((a + b) / 2) sin((b - a) / 2): no cancellation in cells of a few metres
         band = 2 * np.cos(south + half) * np.sin(half)
-        # A row that reaches over a pole holds next to nothing, but densities are divided by it.
+        # A row that reaches over a pole has almost no area, but densities are divided by it.
         return np.asarray(sphere.RADIUS**2 * self.width * sphere.UNIT * np.maximum(band, 1e-12))
 
     def finer(self, k: int) -> "Cells":

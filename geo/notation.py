@@ -16,6 +16,7 @@ NMI = 1852.0  # [m] international nautical mile
 KNOT = NMI / 3600  # [m/s]
 COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 GIVEN = 9  # significant digits of a stated number that are read back
+DERIVED = 4  # significant digits of a number that no case states
 FINEST = 5  # decimals of the minutes of a stated position: 2 cm
 ROUNDING = 1e-9  # of sums of weights
 MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
@@ -46,7 +47,7 @@ def toward(lon1: float, lat1: float, lon2: float, lat2: float) -> str:
 
 
 def percent(share: float, digits: int = 1, unit: str = " %") -> str:
-    """Return a computed probability or share in percent, which says nothing false at its ends.
+    """Return a computed probability or share in percent, never rounded to 0 % or 100 %.
 
     What is exactly 0 or 1 is "0 %" or "100 %"; what is only near is "< 0.1 %" or "> 99.9 %".
 
@@ -86,15 +87,19 @@ def probability(value: float, digits: int = 2) -> str:
     return f">{1 - least:.{digits}f}" if value < 1 - ROUNDING and float(rounded) == 1 else rounded
 
 
-def number(value: float, digits: int = 6) -> str:
+def number(value: float, digits: int = DERIVED) -> str:
     """Return a number that a case states, read back with all its digits: 0.25, not 0.3.
 
-    The value may have been converted to SI and back: up to GIVEN significant digits return as written. A number of
-    more, such as one given in another unit, is rounded to `digits` significant ones.
+    The value may have been converted to SI and back: up to GIVEN significant digits return as written. A number with
+    more digits is derived from what the case states (exp(0.3), 0.25 m/s in knots). It is rounded to `digits`
+    significant digits, or to a whole number if that has more.
     """
     text = f"{value:.12g}"
     mantissa = text.partition("e")[0].lstrip("-0.").replace(".", "")
-    return text if len(mantissa) <= GIVEN or not math.isfinite(value) else f"{value:.{digits}g}"
+    if len(mantissa) <= GIVEN or not math.isfinite(value):
+        return text
+    whole = len(f"{abs(value):.0f}")
+    return f"{value:.{max(digits, whole)}g}"
 
 
 def hundredths(share: float) -> str:
@@ -102,10 +107,10 @@ def hundredths(share: float) -> str:
     return number(100 * share)
 
 
-def bearing(angle: float, digits: int = 6) -> str:
-    """Return a stated course or bearing [deg] with three digits before the point: 045, 123.5; digits: as of `number`."""
-    rounded = float(number(angle % 360, digits)) % 360  # 359.9999999999 is north
-    whole, point, rest = number(rounded, digits).partition(".")
+def bearing(angle: float) -> str:
+    """Return a course or bearing [deg] as `number` does, with three digits before the point: 045, 123.5."""
+    rounded = float(number(angle % 360)) % 360  # 359.9999999999 is north
+    whole, point, rest = number(rounded).partition(".")
     return f"{whole.zfill(3)}{point}{rest}"
 
 

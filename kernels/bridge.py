@@ -32,7 +32,7 @@ def _between(
     for i in range(lon.shape[0]):
         x, y = lon[i], lat[i]
         own = curve.f32x4([bend[4 * i + k] for k in ti.static(range(4))])
-        # From a place inside the step the way leads on along the rest of the curve.
+        # From a position inside the step the track continues along the rest of the curve.
         off = curve.off_chord(own, whole[i]) - (1.0 - share[i]) * curve.off_chord(own, since[i])
         way = curve.inside(polar, x, y, end_lon[i], end_lat[i], share[i], off)
         x_line, y_line = curve.moved(polar, x, y, way)

@@ -29,7 +29,7 @@ f32x4 = ti.types.vector(4, ti.f32)
 
 
 class Straight(NamedTuple):
-    """A part of the step just made in which what drifts goes straight, and where that is at both ends."""
+    """A part of the step just made in which drifting particles go straight, with their positions at both ends."""
 
     before: tuple[Any, Any]  # lon, lat [binary angle], int32 on the device, (n,) each
     after: tuple[Any, Any]
@@ -59,14 +59,14 @@ def slope_off_chord(bend: f32x4, share: ti.f32) -> f32x2:
 
 @ti.func
 def cut_short(bend: f32x4, part: ti.f32) -> f32x4:
-    """Return the bend of a way that ends after a part of what it was to be."""
+    """Return the bend of a track that ends after a part of the step."""
     end, slope = off_chord(bend, part), slope_off_chord(bend, part)
     return f32x4(part * bend[0] - end[0], part * bend[1] - end[1], part * slope[0] - end[0], part * slope[1] - end[1])
 
 
 @ti.func
 def bulge(bend: f32x4) -> f32x2:
-    """Return by how much (lon, lat) a way departs from its chord at most: a bound, at most 1.2 times what it does."""
+    """Return a bound on the largest (lon, lat) distance of a track from its chord, at most 1.2 times the true one."""
     return MOST * f32x2(ti.abs(bend[0]) + ti.abs(bend[2]), ti.abs(bend[1]) + ti.abs(bend[3]))
 
 
@@ -145,7 +145,7 @@ def _places(
 def places(
     ensemble: Any, before: tuple[Any, Any], bend: Any, elapsed: int, duration: int, time: int, polar: bool = False
 ) -> tuple[Any, Any]:
-    """Return where drifting particles were at a time inside the step just made, without what chance does inside it.
+    """Return where drifting particles were at a time inside the step just made, without the noise inside it.
 
     Args:
         ensemble: a drift.particles.ensemble.Ensemble of n particles, after the step.

@@ -1,4 +1,4 @@
-"""Noise that leads particles toward what was found: projections of it, and nudges added to it.
+"""Noise that guides particles toward finds: projections of it, and nudges added to it.
 
 A guided particle's errors of current and wind keep the numbers of their streams (kernels.noise), to
 whose standard normals a shift is added. drift.search.guide chooses the shift, and weighs the particle
@@ -90,7 +90,7 @@ def nudge(
     Args:
         current: response of the current's error in this step [m].
         wind: response of the wind's error in it [m].
-        begin: 1: write; 0: add to what is there.
+        begin: 1: write; 0: add to the present values.
         east: pull of each particle toward the find [1/m], shape (n,).
         north: its other component.
         current_east: written: shift of the current's normals, shape (n,).

@@ -28,7 +28,7 @@ from kernels.memory import CGROUPS
 
 LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
 LEAST_SPACE = "2 to 3 GiB"  # that a small run maps, of which it uses a tenth
-NAMED = "TI_OFFLINE_CACHE_FILE_PATH"  # environment variable by which Taichi is told where compiled kernels are kept
+NAMED = "TI_OFFLINE_CACHE_FILE_PATH"  # environment variable that tells Taichi where compiled kernels are kept
 BACKENDS = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
 
 _started: dict[str, object] = {}
@@ -144,11 +144,11 @@ def _caching() -> dict[str, object]:
 
 
 def _not_started(backend: str, error: Exception) -> UserError:
-    """Return in words why a backend does not start; what helps is another one only where it was a graphics card's."""
+    """Return why a backend does not start; another one is suggested only for a graphics card's."""
     why = (str(error).splitlines() or [type(error).__name__])[0]
     if "emory" in why:
         return UserError(
-            f"the memory does not suffice to start the backend {backend!r} ({why}); it takes {LEAST_SPACE} of address space: "
+            f"not enough memory to start the backend {backend!r} ({why}); it needs {LEAST_SPACE} of address space: "
             "raise the limit (ulimit -v), or give the process more memory"
         )
     remedy = "reinstall taichi (pip install --force-reinstall taichi)" if backend == "cpu" else "use --backend cpu"

@@ -200,7 +200,7 @@ def mirrored(dlon, dlat, after, nx, ny, c):
 
 @ti.func
 def is_far(walks: ti.template(), lon, lat, dlon, dlat, off, c, variance, coast: ti.template()):
-    """Return whether a step, of which `meet` would tell, ends where it leads: it is too far from the shore to meet it.
+    """Return whether a step is too far from the shore for `meet` to change it.
 
     off: by how much the way departs from its chord at most [binary angle units].
     """

@@ -103,7 +103,7 @@ def draw(origin: Origin, path: Path, setting: Setting) -> None:
 
 
 def _shown(origin: Origin) -> _Shown:
-    found = outlines.of(origin, tuple(LINES))
+    found = outlines.release_outlines(origin, tuple(LINES))
     area = backward.cell_area(origin)
     prior = origin.prior.sum(axis=0) / area[:, None]
     allowed = outlines.outline(origin, prior, ALLOWED * float(prior.max()))

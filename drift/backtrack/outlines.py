@@ -31,7 +31,7 @@ class Outlines:
     areas: dict[float, tuple[shapely.MultiPolygon, float]]  # outline [deg] and size [nmi2] by share
 
 
-def of(origin: Origin, shares: Sequence[float] = SHARES) -> Outlines:
+def release_outlines(origin: Origin, shares: Sequence[float] = SHARES) -> Outlines:
     """Return the areas of a release that hold some shares."""
     mass, area = origin.probability.sum(axis=0), backward.cell_area(origin)
     per_nmi2 = 100 * mass / (area[:, None] / NMI**2)
@@ -72,7 +72,7 @@ def collection(origin: Origin, finds: Sequence[Mark], attributes: Mapping[str, A
     finds: their labels begin with their numbers. Every feature has a kind: area, mean or find.
     """
     features = []
-    for share, (shape, size) in of(origin).areas.items():
+    for share, (shape, size) in release_outlines(origin).areas.items():
         told = {
             "kind": "area",
             "level": share,

@@ -1,4 +1,4 @@
-"""What a backward run found, in words: for the terminal, the report and the picture; and as a row of CSV.
+"""The result of a backward run as text for the terminal, the report and the picture, and as a row of CSV.
 
 Lengths have three digits, in nautical miles and kilometres; machines read origin.csv, with six.
 """
@@ -16,7 +16,7 @@ Row = Mapping[str, float | str]  # of drift.backtrack.backward.summary
 
 
 def facts(row: Row) -> dict[str, str]:
-    """Return the figures of a release by what they are called."""
+    """Return the figures of a release by name."""
     value = {name: float(number) for name, number in row.items() if not isinstance(number, str)}
     error = float(np.hypot(value["east_error_km"], value["north_error_km"]))
     spread = value["time_std_h"] > 0
@@ -34,8 +34,8 @@ def facts(row: Row) -> dict[str, str]:
         "error of the mean": f"+- {length(error)}"
         + (f", +- {number(value['time_error_h'])} h" if spread else "")
         + " (Monte Carlo)",
-        "the finds tell": f"{number(value['information_bit'])} bit beyond what the case gave",
-        "worlds": f"{value['effective_worlds']:,.0f} of {value['worlds']:,.0f} count",
+        "gained from the finds": f"{number(value['information_bit'])} bit beyond the case's own prior",
+        "worlds": f"{value['effective_worlds']:,.0f} of {value['worlds']:,.0f} effective",
     }
 
 

@@ -220,8 +220,8 @@ def _likeliest(method: Method, of: Sequence[Stretch], error: float | None, what:
     inverse, scores = _derivatives(own, point, free)
     if not (np.diag(inverse) > 0).all():
         raise UserError(
-            f"{what}: no spread rate is likelier than all others by what these fixes say; give --error, which then is not fitted, "
-            "or more tracks"
+            f"{what}: these fixes do not determine the spread rate, as their likelihood is flat; state --error, which is then not fitted, "
+            "or give more tracks"
         )
     curvature = spread * math.sqrt(inverse[0, 0])
     clustered = math.nan

@@ -221,7 +221,7 @@ class ContactTable(fields.Table):
             if self.of is not None:
                 raise ValueError("course and speed are the object's own; leave them out of debris")
         if self.guide is not None and (self.of is None or self.position is None):
-            raise ValueError("guide is of the position of debris (of) alone; leave it out")
+            raise ValueError("guide applies only to a position of debris (of); remove it")
         self._check_sensor()
         return self
 

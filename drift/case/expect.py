@@ -16,6 +16,7 @@ from geo.notation import NMI
 
 SHARES = ("adrift", "ashore", "outside", "left", "under_way", "arrived", "aground")
 ROUNDING = 1e-12  # by which a sum of shares may differ from 1 in float64 (the largest seen was 2e-15)
+FOUND = 6  # significant digits of values found: a narrow miss must not read as a hit
 
 
 class PlaceWithin(fields.Table):
@@ -38,7 +39,7 @@ Percent = Annotated[float, BeforeValidator(_percent)]
 
 
 class Expect(fields.Table):
-    """Ranges at the end of the run: shares by what became of the object, containment areas, the mean position.
+    """Ranges at the end of the run: shares by fate of the object, containment areas, the mean position.
 
     `drift run` says in one line whether the forecast is within them; if not, its exit status is 1 and the results are
     written all the same. `--set expect='{}'` leaves them out, as for a run with other inputs.
@@ -83,11 +84,11 @@ def misses(expected: Expect, end: Mapping[str, Any]) -> list[str]:
         value, span = end["probability"].get(name, 0.0), getattr(expected, name)  # nothing is under way in plain drift
         if span is not None and not span[0] - ROUNDING <= value <= span[1] + ROUNDING:
             least, most = (notation.hundredths(share) for share in span)
-            missed.append(f"{name}: {notation.number(100 * value)} %, expected {least} to {most} %")
+            missed.append(f"{name}: {notation.number(100 * value, FOUND)} %, expected {least} to {most} %")
     for percent, span in expected.by_percent().items():
         area = _square_metres(end["area_nmi2"][f"{notation.number(percent)}%"])
         if not span[0] <= area <= span[1]:
-            found, least, most = (notation.number(size / NMI**2) for size in (area, *span))
+            found, least, most = (notation.number(size / NMI**2, FOUND) for size in (area, *span))
             found = "none" if math.isnan(area) else f"{found} nmi2"
             missed.append(f"area_{notation.number(percent)}: {found}, expected {least} to {most} nmi2")
     place = expected.mean_position_within
@@ -95,13 +96,13 @@ def misses(expected: Expect, end: Mapping[str, Any]) -> list[str]:
         mean = end["mean"] or {"lon": np.nan, "lat": np.nan}
         away = float(sphere.distance(*np.radians([*place.of, mean["lon"], mean["lat"]])))
         if not away <= place.distance:
-            found = "none" if end["mean"] is None else f"{notation.number(away)} m from the one expected"
+            found = "none" if end["mean"] is None else f"{notation.number(away, FOUND)} m from the one expected"
             missed.append(f"mean position: {found}, expected within {notation.number(place.distance)} m")
     return missed
 
 
-def told(expected: Expect, end: Mapping[str, Any]) -> dict[str, Any]:
-    """Return whether a forecast is as its case expects, and what it misses; {} where the case expects nothing.
+def evaluate(expected: Expect, end: Mapping[str, Any]) -> dict[str, Any]:
+    """Return whether a forecast meets its case's [expect], and what it misses; {} where the case has none.
 
     end: as in `misses`.
     """

@@ -1,6 +1,6 @@
-"""The rest of a case some of whose tables are refused: checked without them, so that all mistakes come at once.
+"""Check the rest of a case after rejecting some of its tables, so that all errors are reported at once.
 
-What is refused is taken out, or something harmless stands in for it under its name, and what is left goes through the
+What is rejected is taken out, or something harmless stands in for it under its name, and what is left goes through the
 checks that a sound case goes through. A mistake that only follows from what was taken out is dropped.
 """
 
@@ -18,7 +18,7 @@ from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
 
 Place = tuple[int | str, ...]  # of something in the tables of a case, as pydantic has it
-ROUNDS = 6  # of taking out what is refused; each leaves less
+ROUNDS = 6  # of taking out what is rejected; each leaves less
 NEEDED = ("start", "end", "duration", "direction", "spill", "family")  # nothing fits or misses a run without these
 LISTS = (*SEARCH, "find", "patrol", "patrol_unit", *QUANTITIES, "scenario")
 STEERING = ("phase", "vessel", "distress", "overdue", "arrival_radius", "motion")  # what sorties ask of a scenario
@@ -31,7 +31,7 @@ UNKNOWN = re.compile(r'unknown key "([^"]*)"(?:; did you mean "([^"]*)")?')
 
 @dataclass(frozen=True)
 class Rest:
-    """What is left of a case's tables; lacking: the keys of the file of which something was taken out."""
+    """The remaining tables of a case; lacking: keys of the file from which something was removed."""
 
     data: dict[str, Any]
     own: int  # scenarios that no family makes
@@ -40,7 +40,7 @@ class Rest:
     doubtful: frozenset[Place] = frozenset()  # of tables of which a key was dropped, and of values under another key
 
     def without(self, *keys: str) -> "Rest":
-        """Return it without some keys."""
+        """Return the rest without some keys."""
         kept = {key: value for key, value in self.data.items() if key not in keys}
         return replace(self, data=kept, lacking=self.lacking | set(keys))
 
@@ -52,7 +52,7 @@ def mistakes(
 
     Args:
         data: its tables as read.
-        refused: what was refused first.
+        refused: the errors found first.
         path: of the file, from whose folder others are named.
         text: of the file.
         schema: of its tables.
@@ -96,7 +96,7 @@ def _named(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _taken_out(rest: Rest, error: ValidationError | UserError) -> Rest | None:
-    """Return the rest without what is refused; None where nothing can be checked without it."""
+    """Return the rest without the rejected tables; None where nothing can be checked without them."""
     if isinstance(error, UserError):
         return _with_stand_ins(rest, [match[1] for line in error.lines if (match := STORY.match(line))])
     told = [(mistake["loc"], mistake["msg"].removeprefix("Value error, ")) for mistake in error.errors()]
@@ -131,7 +131,7 @@ def _taken_out(rest: Rest, error: ValidationError | UserError) -> Rest | None:
 
 
 def _with_known_keys(rest: Rest, unknown: Sequence[tuple[Place, re.Match[str]]]) -> Rest:
-    """Return the rest with unknown keys under the name that they may mean, and without the others."""
+    """Return the rest with unknown keys under the name that they probably mean, and without the others."""
     data, lacking, doubtful = rest.data, set(rest.lacking), set(rest.doubtful)
     for loc, match in unknown:
         key, meant = match.groups()
@@ -156,12 +156,12 @@ def _called(data: Any, loc: Place) -> str:
 
 
 def _under(loc: Place, places: frozenset[Place]) -> bool:
-    """Return whether something stands at one of some places, or inside it."""
+    """Return whether a value exists at one of some places, or inside it."""
     return any(loc[:size] in places for size in range(1, len(loc) + 1))
 
 
 def _at(node: Any, loc: Sequence[int | str]) -> Any:
-    """Return what stands at a place; None where there is no such place."""
+    """Return the value at a place; None where there is no such place."""
     for part in loc:
         try:
             node = node[part]
@@ -171,7 +171,7 @@ def _at(node: Any, loc: Sequence[int | str]) -> Any:
 
 
 def _put(node: Any, loc: Sequence[int | str], value: Any) -> Any:
-    """Return tables and lists with a value at a place that is there."""
+    """Return tables and lists with a new value at an existing place."""
     if not loc:
         return value
     first, *others = loc
@@ -181,7 +181,7 @@ def _put(node: Any, loc: Sequence[int | str], value: Any) -> Any:
 
 
 def _names(stories: Sequence[Any], at: set[int]) -> list[str]:
-    """Return the names of scenarios at some places, "" of what has none."""
+    """Return the names of scenarios at some places, "" for those without one."""
     return [str(one.get("name", "")) if isinstance(one, dict) else "" for k, one in enumerate(stories) if k in at]
 
 
@@ -211,7 +211,7 @@ def _with_stand_ins(rest: Rest, names: Sequence[str]) -> Rest:
 
 
 def _without_stories(rest: Rest) -> Rest:
-    """Return the rest with one plain scenario in place of all, and without what is asked of them."""
+    """Return the rest with one plain scenario in place of all, and without the keys that need them."""
     data = {**rest.data, "scenario": [{"name": "drift", "object": "water", "position": PLACE}]}
     data.pop("family", None)
     return replace(rest, data=data, lacking=rest.lacking | {"scenario"}, stand_ins=frozenset({"drift"})).without(
@@ -220,7 +220,7 @@ def _without_stories(rest: Rest) -> Rest:
 
 
 def _with_still(rest: Rest, quantity: str, at: set[int]) -> Rest:
-    """Return the rest with none of a quantity in place of some of its sources, under their names."""
+    """Return the rest with zero fields in place of some sources of a quantity, under their names."""
     sources = []
     for number, one in enumerate(rest.data[quantity]):
         name = one.get("name") if isinstance(one, dict) else None
@@ -231,7 +231,7 @@ def _with_still(rest: Rest, quantity: str, at: set[int]) -> Rest:
 
 
 def _follows(line: str, rest: Rest) -> bool:
-    """Return whether a mistake may only follow from what was taken out."""
+    """Return whether an error may only follow from what was removed."""
     gone = rest.lacking
     begins = {
         "uncertainty": gone.intersection(QUANTITIES),

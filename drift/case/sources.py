@@ -87,7 +87,7 @@ class StatedTimes(fields.Table):
     @field_validator("zone")
     @classmethod
     def known(cls, value: str | None) -> str | None:
-        """Refuse a zone that has no meaning."""
+        """Reject a zone that has no meaning."""
         if value is not None:
             try:
                 epoch.zone_of(value)
@@ -97,13 +97,15 @@ class StatedTimes(fields.Table):
 
     @model_validator(mode="after")
     def complete(self) -> "StatedTimes":
-        """Refuse a start without an interval, and a zone of times that are not used."""
+        """Reject a start without an interval, and a zone of times that are not used."""
         if (self.start is None) != (self.every is None):
             raise ValueError("start and every go together: the first slice's time, and the time from one to the next")
         if self.start is None and self.zone is None and self.stamp is None:
             raise ValueError("give start and every, or zone, or stamp")
         if self.start is not None and self.zone is not None:
-            raise ValueError("zone is of the file's own times, which start and every replace; leave one out")
+            raise ValueError(
+                "zone applies to the file's own times, which start and every replace; give zone, or start and every"
+            )
         return self
 
     def stated(self, start: np.datetime64) -> Slices:

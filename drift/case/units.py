@@ -62,7 +62,7 @@ def registry() -> Any:
 
 
 def short(value: object, what: str, example: str) -> None:
-    """Refuse a text longer than LONGEST, and a whole number beyond every float: nothing that is meant is so long.
+    """Reject a text longer than LONGEST, and a whole number beyond every float: both are typing errors.
 
     Arithmetic of units, and patterns, would take minutes over 100,000 letters.
     """

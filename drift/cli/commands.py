@@ -81,10 +81,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(leaving.code or 0)
     except Exception as error:
         if isinstance(error, MemoryError) or any(words in str(error) for words in NO_MEMORY):
-            # A library that cannot be loaded has not come to any particles.
+            # If a library cannot be loaded, fewer particles do not help.
             fewer = "" if isinstance(error, ImportError | OSError) else "take fewer particles, or "
-            why = str(error) or "nothing more to be had"
-            words = f"the memory does not suffice ({why}); {fewer}raise the limit (ulimit -v), if there is one"
+            why = str(error) or "no more could be allocated"
+            words = f"not enough memory ({why}); {fewer}raise the limit (ulimit -v), if there is one"
             print(f"drift: {words}", file=sys.stderr)
             return _failed(argv, 2, [words])
         traceback.print_exc()

@@ -28,7 +28,7 @@ EXAMPLES = """examples:
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose complaints are one line, and to which a minus and a digit begin a value, not an option."""
+    """An argument parser whose errors are one line, and for which a minus and a digit begin a value, not an option."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         """Take what argparse takes."""
@@ -158,7 +158,7 @@ def _add_drifters(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--ends-aground",
         action="store_true",
-        help="a drifter whose track ends near the shore ran aground there (default: nobody knows what became of it)",
+        help="a drifter whose track ends near the shore ran aground there (default: its fate is unknown)",
     )
 
 

@@ -44,13 +44,13 @@ def run(given: argparse.Namespace) -> Answer:
 
 
 def _expected(case: Any, numbers: Mapping[str, Any]) -> tuple[dict[str, str], dict[str, Any], int]:
-    """Return what a run came to beside its case's [expect]: a fact, numbers for programs, the exit status.
+    """Compare a run with its case's [expect]: return a line, numbers for programs, and the exit status.
 
     numbers: those of its summary.
     """
     from drift.case import expect
 
-    told = expect.told(case.expect, numbers["outputs"][-1])
+    told = expect.evaluate(case.expect, numbers["outputs"][-1])
     if not told:
         return {}, {}, 0
     if told["met"]:

@@ -53,7 +53,7 @@ def forecast(numbers: dict[str, Any]) -> Facts:
 
 
 def _guided(numbers: dict[str, Any]) -> Facts:
-    """Return toward which finds particles were guided, where any was."""
+    """Return the finds toward which particles were guided, if any."""
     if "guide" not in numbers:
         return {}
     finds = ", ".join(f'"{name}"' for name in numbers["guide"]["finds"])
@@ -307,8 +307,8 @@ def spill(numbers: dict[str, Any]) -> Facts:
     for find in washup["finds"]:
         odd = "; ODD, check it" if find["odd"] else ""
         facts[f'find {find["number"]} "{find["name"]}"'] = (
-            f"{find['stretch']}: the next find was to be here with {notation.percent(find['probability_beforehand'])}, "
-            f"somewhere at most as likely with {notation.percent(find['tail'])}; {verdict.ours(find)}{odd}"
+            f"{find['stretch']}: probability of the next find here {notation.percent(find['probability_beforehand'])}, "
+            f"at places at most as likely {notation.percent(find['tail'])}; {verdict.ours(find)}{odd}"
         )
     if washup["silence"]:
         facts["taken for granted"] = washup["silence"]

@@ -190,10 +190,10 @@ class Jobs:
             return ""
         name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
         if name in CRASHES:
-            whole = " after its results were whole" if job.out and (self._folder / job.out).is_dir() else ""
-            return f"a library crashed ({name}){whole}; try again, and report it with the case where it comes back"
+            whole = " after its results were complete" if job.out and (self._folder / job.out).is_dir() else ""
+            return f"a library crashed ({name}){whole}; try again; if it crashes again, report it with the case"
         most = f", which is limited to {self._limits.memory:.3g} GiB" if self._limits.memory < float("inf") else ""
-        return f"ended by {name}, as happens where the memory does not suffice{most} (drift serve --memory)"
+        return f"ended by {name}, as happens when memory runs out{most} (drift serve --memory)"
 
     def _environment(self, empty: str) -> dict[str, str]:
         own = {fence.NAME: fence.text(self._fence), "DRIFT_PROGRESS": "lines", "TMPDIR": empty}

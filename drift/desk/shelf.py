@@ -49,7 +49,7 @@ def save(folder: Path, name: str, text: str, before: str | None) -> str:
     """
     with hidden.alone(folder, PATIENCE) as free:  # else two servers may both find what they expect
         if not free:
-            raise OSError(errno.EBUSY, "another program is at work in this folder; try again")
+            raise OSError(errno.EBUSY, "another program is writing to this folder; try again")
         return _written(folder, name, text.encode("utf-8"), before)
 
 

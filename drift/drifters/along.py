@@ -263,7 +263,7 @@ def check_case(case: Case, columns: Mapping[str, str]) -> None:
     for quantity, specs in case.forcing.items():
         if f"{quantity}_east" not in columns and any(spec.name == case_file.ALONG for spec in specs):
             raise UserError(
-                f"{case.path.name}: was loaded with along = {quantity}, and no columns of it are named; name "
+                f"{case.path.name}: was loaded with along = {quantity}, but no columns for it were given; give "
                 f"{quantity}_east and {quantity}_north, or give the case a source"
             )
     for story in case.scenarios:

@@ -75,9 +75,9 @@ def _before_the_shore(
     ]
     if left := sum(keep.size - own.size for keep, own in zip(afloat, kept, strict=True)):
         notes.append(
-            f"{left:,} fixes left out after their drifter first came within reach of the shore, "
-            f"{float(np.median(reach)) / 1000:.2g} km, which it could drift to the next fix: ways that lead ashore are cut "
-            'short, and the others there lean offshore (coast.source = "none" keeps these fixes)'
+            f"{left:,} fixes left out: their drifter had come within {float(np.median(reach)) / 1000:.2g} km of the shore, which it "
+            "could drift before the next fix. Tracks that lead ashore are cut short there, so the remaining ones lean offshore "
+            '(coast.source = "none" keeps these fixes)'
         )
     return kept
 

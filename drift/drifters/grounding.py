@@ -1,7 +1,7 @@
 """How far drifters are off the shore of a case, where its particles come ashore.
 
 A drifter that lies still for hours has run aground, or it was moored, caught in fishing gear or taken aboard. Only the
-first is drift. The two are told apart by the distance from the case's shore.
+first is drift. The two are distinguished by the distance from the case's shore.
 """
 
 import numpy as np

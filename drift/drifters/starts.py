@@ -59,7 +59,7 @@ class LeftOut:
     stopped: int = 0  # stopped away from the shore
 
     def counts(self) -> dict[str, int]:
-        """Return how many starts were left out for each reason that there was, in words."""
+        """Return how many starts were left out, by reason in words, without reasons that did not occur."""
         every = {
             "aground at the start": self.aground,
             "track ends too early": self.ended,
@@ -73,7 +73,7 @@ class LeftOut:
         words = (
             (self.gap, f"the drifter is silent for more than {gap / 3600:.3g} h, or leaps, before the end"),
             (self.ended, "the drifter's track ends before the forecast does" + self._near_words()),
-            (self.aground, "the drifter is aground then"),
+            (self.aground, "the drifter is aground at the start"),
             (
                 self.stopped,
                 "the drifter stops before the end where the case has no shore within "

@@ -354,17 +354,17 @@ def _score(forecast: many.Brief, stranded: Stranded, start: Start, times: Array)
 
 
 def _aground_notes(rows: Sequence[_Scores], stranded: Stranded) -> Iterator[str]:
-    """Give notes on forecasts whose drifters ran aground: what counts as that, and that others were still afloat."""
+    """Yield notes on forecasts whose drifters ran aground: the rule, and that other drifters were still afloat."""
     if count := sum(bool(row.aground.any()) for row in rows):
         drifters = sorted({row.track for row in rows if row.aground.any()})
         words = drifter_records.words_for_spells(
             [stranded.tracks[k] for k in drifters], [stranded.ashore[k] for k in drifters]
         )
-        yield f"{count} forecasts whose drifters run aground, scored where they lie, as particles ashore are: {words}"
+        yield f"{count} forecasts whose drifters run aground; these are scored where they lie, like particles ashore: {words}"
         if len(rows) > len({row.track for row in rows}):
             yield (
-                "starts after a drifter's first are of drifters still afloat, whose errors lead off the shore more often than "
-                "the particles'; --every longer than the tracks starts each once"
+                "starts after a drifter's first are of drifters still afloat, whose errors lean offshore compared with "
+                "the particles'; with --every longer than the tracks each drifter has one start"
             )
 
 

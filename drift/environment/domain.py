@@ -39,7 +39,7 @@ def bounds(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
 
 
 def is_polar(box: Box) -> bool:
-    """Return whether a box reaches so near to a pole that it holds it."""
+    """Return whether a box reaches so near to a pole that it must include it."""
     return max(-box.south, box.north) > POLEWARD
 
 

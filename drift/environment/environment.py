@@ -143,7 +143,7 @@ def open_for(
 
 
 def warnings(where: Environment) -> list[str]:
-    """Return what must be doubted of the sources of a run, in words."""
+    """Return warnings about the sources of a run."""
     return [
         f'{source.quantity} "{source.name}": {note.removeprefix(sources.DOUBT)}'
         for source in where.sources
@@ -271,12 +271,12 @@ def _open(
 
 
 def _far_apart(rows: Source) -> tuple[str, ...]:
-    """Return a note on rows of a table with FAR or more between them: nothing is known of the weather in between."""
+    """Return a note on rows of a table that are FAR or more apart: the weather in between is unknown."""
     longest = np.diff(rows.times).max()
     if longest < FAR:
         return ()
     hours = notation.number(float(longest / np.timedelta64(1, "h")))
-    return (f"rows up to {hours} h apart, on a straight line in between: add rows where it changed otherwise",)
+    return (f"rows up to {hours} h apart, interpolated linearly: add rows where it changed in another way",)
 
 
 def _called(spec: ForcingSpec) -> list[str]:
@@ -319,7 +319,7 @@ def _with_notes(source: Source, added: frozenset[tuple[str, str]]) -> Source:
 def _without_forcing(
     period: Period, max_lost: float, quantity: str, sources: tuple[Source, ...], *, added: bool
 ) -> list[str]:
-    """Return a complaint if for more of a run than may be lost a quantity has no source, [] otherwise.
+    """Return an error if a quantity has no source for more of a run than may be lost, otherwise [].
 
     sources: one term of the quantity's sum.
     """

@@ -22,7 +22,7 @@ class Report:
 
 @dataclass(frozen=True)
 class Slices:
-    """What the user says of times.
+    """How the user interprets times.
 
     Of the first slice, and from one to the next, in place of a file's own; or how these are meant: their zone, ahead of
     UTC, and where in the interval of a mean they stand.

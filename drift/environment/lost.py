@@ -189,8 +189,8 @@ def check_end(
     raise UserError(
         f"{notation.percent(sum(lost.values()))} of the probability was lost by the end: {notation.percent(lost[Status.OUTSIDE])} ran out of "
         f"forcing{f' (no value: {silent})' if silent else ''}, {notation.percent(lost[Status.LEFT])} left the domain "
-        f"({box.west:.2f}..{box.east:.2f} E, {box.south:.2f}..{box.north:.2f} N); at most {notation.hundredths(max_lost)} % may be "
-        "(max_lost). Shorten the run, add a source, or widen [domain]"
+        f"({box.west:.2f}..{box.east:.2f} E, {box.south:.2f}..{box.north:.2f} N); at most {notation.hundredths(max_lost)} % is "
+        "allowed (max_lost). Shorten the run, add a source, or widen [domain]"
     )
 
 

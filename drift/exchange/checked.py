@@ -1,6 +1,6 @@
-"""Reading the files of a finished result, which may be damaged or made by somebody else: each is checked when it is read.
+"""Read the files of a finished result, and check each, as it may be damaged or made by another program.
 
-What is not as our own runs write it is refused in a line with the file, the place in it, and what is wrong.
+A file that differs from those that drift writes is rejected in a line with the file, the place in it, and the error.
 """
 
 import csv
@@ -72,7 +72,7 @@ def features(path: Path, needed: Mapping[str, Check], kinds: Collection[str] = t
     for row, feature in enumerate(held, 1):
         place = f"feature {row}"
         if not isinstance(feature, dict) or not isinstance(feature.get("properties"), dict):
-            raise damaged(path, f"{place} is no feature with properties")
+            raise damaged(path, f"{place} is not a feature with properties")
         told = feature["properties"]
         for key, check in needed.items():
             if not check(told.get(key)):
@@ -100,7 +100,7 @@ def _fault(coordinates: Any, depth: int, least: int) -> str:
         return next((fault for part in coordinates if (fault := _fault(part, depth - 1, least))), "")
     good = len(coordinates) in (2, 3) and all(number(x) and not isinstance(x, str) for x in coordinates)
     if not (good and abs(coordinates[0]) <= 180 and abs(coordinates[1]) <= 90):
-        return f"{_shown(coordinates)} is no longitude and latitude"
+        return f"{_shown(coordinates)} is not a longitude and a latitude"
     return ""
 
 
@@ -163,7 +163,7 @@ def dataset(path: Path, left_out: list[str], variables: Mapping[str, tuple[str, 
 
 
 def within(path: Path, data: xr.Dataset, names: Mapping[str, float]) -> None:
-    """Refuse values of variables whose size exceeds a limit; NaN is none."""
+    """Reject values of variables whose size exceeds a limit; NaN is none."""
     for name, most in names.items():
         values = data[name].values
         wrong = np.abs(values) > most
@@ -199,6 +199,6 @@ def _shown(value: Any) -> str:
 
 
 def damaged(path: Path, what: str) -> UserError:
-    """Return the error of a file that is not as we write it."""
-    line = " ".join(f"results {path.parent}: {path.name} is damaged, or no file of ours: {what}".split())
+    """Return the error for a file that drift cannot have written."""
+    line = " ".join(f"results {path.parent}: {path.name} is damaged, or was not written by drift: {what}".split())
     return UserError(f"{line}; run the case again")

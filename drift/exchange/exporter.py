@@ -17,7 +17,7 @@ FORMATS: Mapping[str, Callable[[Finished], dict[str, bytes]]] = {
     "geotiff": raster.files,
     "rtz": bridge.files,
 }
-# Of what `drift origin` wrote.
+# Formats of results of `drift origin`.
 OF_RELEASE: Mapping[str, Callable[[Release], dict[str, bytes]]] = {
     "kml": globe.release_files,
     "gpx": plotter.release_files,
@@ -57,17 +57,17 @@ def export(
 
 
 def _made(run: Finished | Release, format: str) -> dict[str, bytes]:
-    """Return the files of a format by name; raise UserError where the result is not as our runs write it."""
+    """Return the files of a format by name; raise UserError where the result is damaged."""
     try:
         if isinstance(run, Finished):
             return FORMATS[format](run)
         if format not in OF_RELEASE:
             raise UserError(
-                f"results {run.folder}: are of drift origin, and {format} is for forecasts; give {', '.join(OF_RELEASE)}"
+                f"results {run.folder}: come from drift origin, and {format} is for forecasts; give {', '.join(OF_RELEASE)}"
             )
         return OF_RELEASE[format](run)
     except (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, RecursionError) as error:
-        # Each file is checked when it is read; what two files together make may still be impossible.
+        # Each file is checked when it is read, but two files may still contradict each other.
         reason = " ".join(str(error).split())[:150] or type(error).__name__
         raise UserError(
             f"results {run.folder}: cannot be written as {format} ({reason}); run the case again"

@@ -86,7 +86,7 @@ class Finished:
 
     @property
     def words(self) -> str:
-        """What every file says of the run: what it must not be used for first."""
+        """The description of the run in every file, beginning with what it must not be used for."""
         told = self.forecast.attrs
         parts = [str(told.get("caution", "")), f"run {self.run}", str(told.get("source", ""))]
         parts += [f"WARNING: {told['warning']}"] if told.get("warning") else []
@@ -124,7 +124,7 @@ class Finished:
         shares, levels = self.shares, {f["properties"]["level"] for f in self.features("contours.geojson")}
         if not levels <= set(shares):
             strange = min(levels - set(shares))
-            raise checked.damaged(self.folder / "contours.geojson", f"level {strange} is no share of forecast.nc")
+            raise checked.damaged(self.folder / "contours.geojson", f"level {strange} is not a share of forecast.nc")
         found = [
             (wanted[told["time"]], float(told["level"]), feature["geometry"], told)
             for feature in self.features("contours.geojson")
@@ -139,7 +139,7 @@ class Finished:
         return [(time, float(lon), float(lat)) for time, lon, lat in rows if np.isfinite(lat) and np.isfinite(lon)]
 
     def cells(self) -> xr.Dataset:
-        """Return the forecast with its cells, checked; raise UserError where they are not as we write them."""
+        """Return the forecast with its cells, checked; raise UserError where they are damaged."""
         path = self.folder / "forecast.nc"
         for name, dims in CELLS.items():
             if name not in self.forecast or self.forecast[name].dims != dims:
@@ -151,7 +151,7 @@ class Finished:
             edges = f"{name}_bnds"
             if edges not in self.forecast:
                 raise UserError(
-                    f"results {self.folder}: are of an older version, which wrote no edges of cells; run the case again"
+                    f"results {self.folder}: come from an older version, which wrote no cell edges; run the case again"
                 )
             held = self.forecast[edges]
             count = self.forecast.sizes[name]
@@ -163,7 +163,7 @@ class Finished:
                 or not flat[0] < flat[-1]
             ):
                 raise UserError(
-                    f"results {self.folder}: forecast.nc is damaged: {edges} are no edges of cells; run the case again"
+                    f"results {self.folder}: forecast.nc is damaged: {edges} are not cell edges; run the case again"
                 )
             checked.within(path, self.forecast, {edges: most + 1})
         return self.forecast
@@ -189,7 +189,7 @@ class Release:
 
     @property
     def words(self) -> str:
-        """What every file says of the run: what it must not be used for first."""
+        """The description of the run in every file, beginning with what it must not be used for."""
         told = self.data.attrs
         parts = [
             str(told.get("caution", "")),
@@ -213,12 +213,12 @@ def opened(folder: str | os.PathLike[str], times: Sequence[str] = ()) -> Finishe
     names = frozenset(path.name for path in publication.results(folder))
     if "forecast.nc" not in names and {"origin.nc", "origin.geojson"} <= names:
         if times:
-            raise UserError(f"results {folder}: are of drift origin, which has no outputs by time; leave out --time")
+            raise UserError(f"results {folder}: come from drift origin, which has no output times; remove --time")
         data = checked.dataset(folder / "origin.nc", ["probability", "prior"], {"time": ("time",)})
         return Release(folder, names, data)
     if "forecast.nc" not in names:
         raise UserError(
-            f"results {folder}: hold no forecast.nc; export what drift run or drift plan wrote, or drift origin"
+            f"results {folder}: hold no forecast.nc; give a folder written by drift run, drift plan or drift origin"
         )
     path = folder / "forecast.nc"
     forecast = checked.dataset(path, LARGE, FORECAST)

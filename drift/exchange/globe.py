@@ -5,7 +5,7 @@ Areas are told apart by the width of their outline and how full they are, and by
 
 import io
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 from xml.etree import ElementTree as ET
 
@@ -20,6 +20,7 @@ INK = "ff7a2f00"  # aabbggrr: one dark blue, of which the smallest area has most
 FILLS = ("b0", "70", "38", "1c")  # opacity, from the smallest area to the largest; then none
 WIDTHS = ("4", "2.5", "1.5", "1")
 DARK, GREY = "ff202020", "ff707070"
+Place = tuple[str, str, tuple[str, str], str, dict[str, Any]]  # name, description, begin and end, style, geometry
 EMPTY = (1980, 1, 1, 0, 0, 0)  # date in the archive, so that the same run gives the same bytes
 
 
@@ -58,9 +59,12 @@ def _document(run: Finished) -> str:
     _tracks(document, run, spans)
     _search(document, run)
     _plan(document, run)
-    _coast(document, run)
-    _patrols(document, run)
-    _finds(document, run)
+    for title, places in (("Coast", _coast), ("Patrols", _patrols), ("Finds", _finds)):
+        listed = list(places(run))
+        if listed:
+            folder = kml.folder(document, title)
+        for place in listed:
+            kml.place(folder, *place)
     return markup.text(root)
 
 
@@ -160,53 +164,47 @@ def _plan(document: ET.Element, run: Finished) -> None:
         kml.place(folders[name], f"{told['area']} {told['shape']}", words, span, look, feature["geometry"])
 
 
-def _coast(document: ET.Element, run: Finished) -> None:
-    """Append the stretches of coast to which a spill comes, by rank, over the whole forecast."""
-    features = run.features("washup.geojson")
+def _coast(run: Finished) -> Iterator[Place]:
+    """Yield the stretches of coast that a spill reaches, by rank, over the whole forecast."""
     times = run.forecast["time"].values
-    if features:
-        folder = kml.folder(document, "Coast")
-    for feature in features:
+    span = notation.iso(times[0]), notation.iso(times[-1])
+    for feature in run.features("washup.geojson"):
         told = feature["properties"]
         words = (
             f"{told['position']}, {told['access']}, {told['length_km']:.1f} km: {told['number_10']:.0f} to {told['number_90']:.0f} objects at the end (10 "
             f"to 90 %), {told['expected']:.3g} on average, probability of any {notation.percent(told['probability'])}, that any ever comes {notation.percent(told['ever'])}"
         )
-        span = notation.iso(times[0]), notation.iso(times[-1])
         name = f"{told['rank']}  {told['name']}"
         words = f"{told.get('stretch_id') or ''} {words}".strip()
-        kml.place(folder, name, words, span, "track", feature["geometry"])
+        yield name, words, span, "track", feature["geometry"]
 
 
-def _patrols(document: ET.Element, run: Finished) -> None:
-    """Append the stretches of each patrol of a plan, from when it walks on."""
-    features = run.features("patrols.geojson")
-    end = notation.iso(run.forecast["time"].values[-1])
-    if features:
-        folder = kml.folder(document, "Patrols")
-    for feature in features:
+def _patrols(run: Finished) -> Iterator[Place]:
+    """Yield the stretches of each patrol of a plan, from the time of the patrol on."""
+    for feature in run.features("patrols.geojson"):
         told = feature["properties"]
         words = (
             f"{told['patrol_unit']}, {told['time']}: {told['stretch']} ({told['stretch_id']}), {told['length_km']:.1f} km, "
             f"finds {told['found']:.2g} on average"
         )
         name = f"{told['patrol_unit']} {told['stretch_id']}"
-        kml.place(folder, name, words, (told["time"], max(told["time"], end)), "legs", feature["geometry"])
+        yield name, words, _from_then_on(run, told["time"]), "legs", feature["geometry"]
 
 
-def _finds(document: ET.Element, run: Finished) -> None:
-    """Append a place for each find of a spill, from when it was found on."""
-    rows = run.rows("finds.csv")
-    end = notation.iso(run.forecast["time"].values[-1])
-    if rows:
-        folder = kml.folder(document, "Finds")
-    for row in rows:
+def _finds(run: Finished) -> Iterator[Place]:
+    """Yield each find of a spill, from its time on."""
+    for row in run.rows("finds.csv"):
         odd = "ODD, check it: " if row["odd"] == "yes" else ""
         words = (
-            f"{odd}{row['name']}, {row['position']}, {row['stretch']}, {row['class'] or 'class unknown'}, by {row['by']}; the next find was to be there "
-            f"with {notation.percent(float(row['probability_beforehand']))}, anywhere at most as likely with {notation.percent(float(row['tail']))}; none of ours with "
+            f"{odd}{row['name']}, {row['position']}, {row['stretch']}, {row['class'] or 'class unknown'}, by {row['by']}; probability of the next find there "
+            f"{notation.percent(float(row['probability_beforehand']))}, at places at most as likely {notation.percent(float(row['tail']))}; not from this spill: "
             f"{notation.percent(float(row['none_of_ours']))}"
         )
         point = geojson.point(float(row["lon_deg"]), float(row["lat_deg"]))
         name = f"find {row['number']} {row['name']}{' (odd)' if odd else ''}"
-        kml.place(folder, name, words, (row["time"], max(row["time"], end)), "", point)
+        yield name, words, _from_then_on(run, row["time"]), "", point
+
+
+def _from_then_on(run: Finished, time: str) -> tuple[str, str]:
+    """Return the span from a time to the end of the forecast."""
+    return time, max(time, notation.iso(run.forecast["time"].values[-1]))

@@ -40,7 +40,7 @@ def files(run: Finished) -> dict[str, bytes]:
             name = f"probability-{stamp[:13]}{'' if stamp[13:15] == '00' else stamp[13:15]}Z{suffix}.tif"
             made[name] = _file(run, at, shift)
     for name in WASHUP & run.names:  # what comes ashore of a spill is lines, which no raster holds
-        run.features(name)  # refused where it is damaged
+        run.features(name)  # rejected where it is damaged
         made[name] = (run.folder / name).read_bytes()
     return made
 

@@ -1,4 +1,4 @@
-"""Names of towns and harbours on coasts, for whoever reads a map; data/places.md says where they come from.
+"""Names of towns and harbours on coasts, for maps and tables; data/places.md gives their sources.
 
 A place on the shore is named by the nearest town on its own land mass. Where there is none within FARTHEST, the nearest
 town of all names it, and the name says "across water". Of a town beyond the land that is known nothing is said of water.

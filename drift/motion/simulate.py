@@ -44,7 +44,7 @@ class Filter(Protocol):
     """An observer that changes the weights of an ensemble while it moves: see drift.search.filter.Search."""
 
     def stops(self, after: int, until: int, step: kernel.Step | None = None) -> list[int]:
-        """Return the times in (after, until] at which something takes effect [s after start]; step: from one to the other."""
+        """Return the times in (after, until] at which an update takes effect [s after start]; step: the step between the two."""
 
     def before(self, elapsed: int, duration: int) -> bool:
         """Make ready for a step, for which the forcing is set; return whether it has to know where the step began."""

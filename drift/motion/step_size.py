@@ -36,7 +36,7 @@ HALF_TURN = 180.0  # [deg] cells as wide as that are of a current that is the sa
 
 @dataclass(frozen=True)
 class Trial:
-    """Why "auto" chose a step, and for how long ways are straight in it."""
+    """Why "auto" chose a step, and for how long tracks are straight within it."""
 
     step: int
     errors: dict[int, float]  # the 95th percentile of the error [m a day] of each step tried
@@ -50,7 +50,7 @@ def clock_of(
     """Return the clock, on the lattice of the forcing's times, and why its step was chosen.
 
     The step is the one asked for, or the largest whose error is small. sources: of all forcing. ends: times at
-    which a step has to end, those of contacts at which particles are placed anew. evidence: whether anything looks at
+    which a step has to end, those of contacts at which particles are placed again. evidence: whether anything looks at
     ways inside steps, so that it matters for how long they are straight.
     """
     times = [notation.epochs(s.times) for s in sources if s.times.size > 1]
@@ -156,7 +156,7 @@ def choose_step(
 
 @dataclass(frozen=True)
 class _Window:
-    """What each step made of a sample in a part of the run; columns of shape (m,)."""
+    """Positions of a sample after part of the run, by step; columns of shape (m,)."""
 
     ends: dict[int, tuple[Array, Array, Array]]  # lon, lat [binary angle] and status at its end
     days: Array  # for how long each particle drifted in it, at least an hour
@@ -175,7 +175,7 @@ class _Window:
         return max(float(np.percentile((apart / self.days)[adrift], 95)), self.inside[step])
 
     def straight(self, step: int) -> int:
-        """Return for how long ways are straight [s], by kernels.curve.CHORD."""
+        """Return for how long tracks are straight [s], by kernels.curve.CHORD."""
         bulge = self.bulges[step]
         return NEVER if bulge <= CHORD else max(int(step * np.sqrt(CHORD / bulge)), 1)
 
@@ -200,7 +200,7 @@ class _March:
         self._lon, self._lat, self._release = first.lon.to_numpy(), first.lat.to_numpy(), first.release.to_numpy()
 
     def windows(self) -> Iterator[_Window]:
-        """Yield what each step makes of the sample in each window."""
+        """Yield the sample after each window, for each step."""
         duration, before = self._run.duration, 0
         count = min(max(-(-duration // WINDOW), 1), WINDOWS)
         lasting = min(duration / count, WINDOW)
@@ -211,7 +211,7 @@ class _March:
             yield self._through(begin, before)
 
     def _leap(self, begin: int, end: int) -> None:
-        """Take the sample to the next window in one step: it need not be right, but near enough to be typical."""
+        """Move the sample to the next window in one step: it need only be typical, not accurate."""
         finest = min(self._trials)
         self._start(finest, begin)
         low = self._run.start + self._run.direction * (begin if self._run.direction > 0 else end)
@@ -284,7 +284,7 @@ def _apart(lon: Array, lat: Array, other_lon: Array, other_lat: Array) -> Array:
 
 
 def _bulge(kept: Begin, lat: Array, status: Array) -> float:
-    """Return by how much the ways of what is adrift depart from their chords at most [m]."""
+    """Return the largest distance of drifting particles' tracks from their chords [m]."""
     off = curve.MOST * np.abs(kept.bend.to_numpy()).reshape(-1, 2, 2).sum(axis=1)
     if not kept.polar:
         off *= sphere.UNIT * sphere.RADIUS

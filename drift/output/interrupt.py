@@ -1,4 +1,4 @@
-"""Ctrl-C, requests to end and terminals that go: exceptions that unwind a run, so that nothing half-written stays."""
+"""Ctrl-C, requests to end and closing terminals: exceptions that unwind a run, so that no half-written file stays."""
 
 import contextlib
 import os
@@ -16,7 +16,7 @@ ENDS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") i
 
 
 class Terminated(BaseException):
-    """A request to end (SIGTERM), or a terminal that went (SIGHUP): unwinds as Ctrl-C does.
+    """A request to end (SIGTERM), or a closed terminal (SIGHUP): unwinds as Ctrl-C does.
 
     So nothing half-written stays. number: of the signal.
     """
@@ -72,7 +72,7 @@ def _on(number: signal.Signals, handler: Callable[[int, Any], None]) -> Iterator
 
 
 def _ignored(number: int) -> bool:
-    """Whether whoever started this process has it outlive its terminal."""
+    """Whether this process was started to outlive its terminal."""
     return number != signal.SIGINT and signal.getsignal(number) is signal.SIG_IGN
 
 

@@ -48,7 +48,7 @@ class Lives:
         return np.where(self.moving < finish, np.maximum(left, self.moving), left), finish
 
     def share(self, begin: int, end: int, time: int) -> Array:
-        """Return the share of its way between two times of the step that each particle has gone by a time, 0 to 1."""
+        """Return the share of its track between two times of the step that each particle has covered by a time, 0 to 1."""
         left, finish = self.way(begin, end)
         return np.asarray(np.clip((time - left) / np.maximum(finish - left, 1), 0.0, 1.0))
 

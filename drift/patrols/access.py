@@ -101,7 +101,7 @@ def _within_reach(team: Team, base: tuple[float, float], segments: Segments, mas
     note = ""
     if away > 0:
         note = (
-            f"the base of {team.name}, {notation.position(*base)}, lies on water: its way begins at the nearest land, "
+            f"the base of {team.name}, {notation.position(*base)}, lies on water: the team starts at the nearest land, "
             f"{_km(away)} off, at {notation.position(x, y)}"
         )
     # From the nearest land the straight distance may be longer.
@@ -111,9 +111,9 @@ def _within_reach(team: Team, base: tuple[float, float], segments: Segments, mas
     found = tuple(candidates[np.isfinite(way)].tolist())
     if not found and near.size:
         raise UserError(
-            f"{place}: no stretch within {_km(team.reach)} of its base can be reached over land within that; give the "
-            "team crosses_water = true, a base on their land or a greater reach, or name what joins their land in "
-            "spill.bridges"
+            f"{place}: no stretch within {_km(team.reach)} of its base can be reached over land within that distance; give the "
+            "team crosses_water = true, a base on the land of the stretches or a greater reach, or add the bridge between "
+            "the two to spill.bridges"
         )
     return Access(team, found, note=note)
 

@@ -51,7 +51,7 @@ def patrol(
         coastline.lands(job.where.coast, asked),
         lambda: shore.whole(asked.source, asked.lakes),
     )
-    patrol_planner.patrols(case.period, segments, walkable)  # before the drift, because it may refuse the case
+    patrol_planner.patrols(case.period, segments, walkable)  # before the drift, because it may reject the case
     with flow.kept(job) as result:
         after = result.aftermath
         assert after is not None

@@ -228,7 +228,7 @@ def _solve(
     reach = [set(slot.reachable) for slot in slots]
     mass_of = {s: 0 if mass is None else int(mass[s]) for s in worthy}
     taken = {_stay(slots[j], mass_of[s]) for s, visits in before.items() for j in visits if slots[j].stays}
-    # Land masses on which a team that stays on one is no more to be sent.
+    # Land masses to which a team restricted to one may no longer be sent.
     closed = {(team, m) for team, _ in taken for m in mass_of.values() if (team, m) not in taken}
     columns = [
         (s, visits)
@@ -243,12 +243,12 @@ def _solve(
     gain = np.array([expected(tables[s], detection, (*before.get(s, ()), *visits)) - base[s] for s, visits in columns])
     stretch_row = {s: row for row, s in enumerate(worthy)}
     rows = [stretch_row[s] for s, _ in columns]
-    # A column more for each team that stays on one land mass and each of these: 1 where it goes there.
+    # One more column for each pair of restricted team and land mass: 1 if the team goes there.
     stays = list(dict.fromkeys(_stay(slots[j], mass_of[s]) for s, visits in columns for j in visits if slots[j].stays))
     stay_column = {stay: len(columns) + k for k, stay in enumerate(stays)}
     width = len(columns) + len(stays)
     sets_of_stretch = sparse.csr_array((np.ones(len(columns)), (rows, range(len(columns)))), (len(worthy), width))
-    # A patrol walks no more than its length, of a team that stays only on the land mass where it goes.
+    # A patrol walks at most its length; a restricted team only on the land mass to which it goes.
     limits = {(j, mass_of[s] if slots[j].stays else None): None for s, visits in columns for j in visits}
     limit_row = {limit: row for row, limit in enumerate(limits)}
     uses = [

@@ -37,7 +37,7 @@ KEPT = 3  # best patterns of one unit that are tried on more particles
 
 @dataclass(frozen=True)
 class _Spot:
-    """Where particles are dense when a unit comes."""
+    """Where particles are dense when a unit arrives."""
 
     wait: float  # [s]
     start: float  # [s] when it is searched

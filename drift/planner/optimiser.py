@@ -111,7 +111,7 @@ def plan(
 
 
 def _parted(tracks: Tracks) -> tuple[Tracks, Tracks]:
-    """Return the tracks on which plans are made, and those on which one is chosen; both are as all of them are."""
+    """Split the tracks into those on which plans are made and those on which one is chosen; both are unbiased samples."""
     strata = record.order(tracks)
     judges = np.arange(tracks.m) % JUDGES == JUDGES // 2
     making, judging = (np.sort(strata[some]) for some in (~judges, judges))
@@ -204,7 +204,7 @@ def _filled(choice: Choice | None) -> float:
 
 
 def _hand_drawn(plan: Plan, crews: list[Crew], few: Stage, executed: Stage, rng: np.random.Generator) -> Plan:
-    """Return a plan in which each unit, the strongest first, flies a pattern drawn by hand where that finds more."""
+    """Return a plan in which each unit, the strongest first, flies a pattern drawn by hand if its POS is higher."""
     best = list(plan)
     for u in _order(crews, rng, 0):
         others = [*best[:u], None, *best[u + 1 :]]
@@ -220,9 +220,9 @@ def _hand_drawn(plan: Plan, crews: list[Crew], few: Stage, executed: Stage, rng:
 def _better(
     plan: Plan, rival: Plan, crews: list[Crew], executed: Stage, judge: Stage, rng: np.random.Generator
 ) -> Plan:
-    """Return the better of a plan and what becomes of a rival in which units need not keep apart, as found by judges.
+    """Return the better of a plan and of one made from a rival in which units need not keep apart; judges decide.
 
-    Where the rival finds more its best sorties stay, those too near to them are tasked anew, and all are improved. The
+    If the rival finds more, its best sorties stay, units too near to them get new tasks, and all are improved. The
     plan is never worse on the judges' particles than a rival that may be flown.
     """
     if candidates.value(rival, judge) <= candidates.value(plan, judge):

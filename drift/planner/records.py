@@ -51,7 +51,7 @@ class Alternative:
 
     @property
     def same(self) -> bool:
-        """Whether it finds just the same of every particle: it is the plan."""
+        """Whether it finds the same share of every particle as the plan, so is the plan."""
         return self.difference == 0 and self.standard_error == 0
 
 

@@ -1,4 +1,4 @@
-"""Rectangles that a unit can search by parallel sweeps, and what is laid in their place: from free numbers to what is flown.
+"""Rectangles that a unit can search by parallel sweeps, or by patterns in their place: from free numbers to tracks.
 
 A rectangle is a row (x, y, orientation, log spacing, log of length over width, wait, along, across): centre [m] on the
 plane, orientation [rad], seconds waited beyond the earliest arrival, and the corner of commencement (-1 or 1 each, as
@@ -284,7 +284,7 @@ def path(crew: Crew, row: Array, flown: Sweeps, k: int) -> Array:
 
 
 def hull(rows: Array, flown: Sweeps) -> tuple[Array, Array]:
-    """Return (centre, half of the sides) [m], (2, c) each, of rectangles that hold what is searched all along.
+    """Return (centre, half of the sides) [m], (2, c) each, of rectangles that hold the whole search.
 
     Their orientation is that of the rows, sides are along it and across it.
     """

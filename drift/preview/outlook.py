@@ -57,7 +57,7 @@ def work(case: Case, step: int, nodes: int = 0) -> str:
 
 
 def needs(case: Case, memory: float | None = None, shards: int | None = None) -> str | None:
-    """Return what a run of more particles than the memory holds takes; None where they are moved in one piece.
+    """Return the shards, disk and time that a run larger than memory needs; None where it fits.
 
     memory: [GiB] that it may take, and shards: how many, as the command line gives them.
     """
@@ -67,7 +67,7 @@ def needs(case: Case, memory: float | None = None, shards: int | None = None) ->
     kept = notation.size(shelf.need(case, case.particles))
     lasting = _lasting(case.particles / PACE)
     return (
-        f"{case.particles:,} particles are moved in {many:,} shards: {kept} of disk beside the results, and each step of all "
+        f"{case.particles:,} particles are moved in {many:,} shards. They need {kept} of disk beside the results, and each step "
         f"takes about {lasting} on two cores; fewer particles, fewer output times or --memory change that"
     )
 
@@ -132,7 +132,7 @@ def ends(case: Case, begin: Start) -> tuple[str, str]:
         when = case.period.time(int(max(some.status_since.to_numpy()[gone].min(), 0)))
         text += f"; the first is lost about {notation.group(when)}"
     refused = (
-        f"a run would be refused at its end: about {notation.percent(lost)} are lost, at most {notation.hundredths(case.max_lost)} % may be (max_lost). "
+        f"a run would be rejected at its end: about {notation.percent(lost)} of the probability is lost, at most {notation.hundredths(case.max_lost)} % is allowed (max_lost). "
         "Shorten it, add a source, or widen [domain]"
     )
     rough = f"roughly: {chosen.size:,} particles at a step of {_hours(np.timedelta64(step, 's'))}"

@@ -171,7 +171,7 @@ def _depth(provider: Provider) -> float | None:
 
 
 def _times(provider: Provider) -> dict[str, str] | None:
-    """Return what the case must say of the times of means, whose files may be silent; None of slices at an instant."""
+    """Return the `times` key of a case for means whose files do not state it; None for slices at an instant."""
     return {"stamp": provider.stamp} if provider.stamp in ("start", "middle", "end") else None
 
 

@@ -19,7 +19,7 @@ from kernels import noise
 from kernels.advance import Step
 from kernels.noise import Purpose
 
-# What debris shares with its object as both begin, besides how they are guided.
+# What debris shares with its object when both begin, in addition to the guiding.
 SHARED = ("lon", "lat", "release", *drift.ERRORS)
 
 

@@ -164,7 +164,7 @@ class SortieExposure:
     def _tracks(
         self, first: float, last: float, elapsed: int, way: _Way, polar: bool = False
     ) -> Iterator[tuple[int, Track, tuple[Array, Array]]]:
-        """Yield of its path and of its area the kind of exposure, the way between two times, and the area's tables."""
+        """Yield the kind of exposure, the track between two times and the tables, for its path and for its area."""
         moved = way.marker.where if way.marker else None
         if self._path is not None and self._looks:
             track = self._path.between(first, last, elapsed, moved, self._datum, polar)
@@ -189,7 +189,7 @@ class SortieExposure:
         chosen: Array | None,
         exposed: Exposed,
     ) -> None:
-        """Add what it does between two times of the step to what is adrift, one straight part after another."""
+        """Add its exposure of drifting particles between two times of the step, one straight part after another."""
         own = ensemble.batch(way.scenarios)
         if chosen is not None:
             own = batch.among(own, chosen)
@@ -210,7 +210,7 @@ class SortieExposure:
         chosen: Array | None,
         exposed: Exposed,
     ) -> None:
-        """Add what it does between two times of the step to what is under way."""
+        """Add its exposure of targets under way between two times of the step."""
         steered = helm.some(way.scenarios)
         if not steered:
             return

@@ -193,7 +193,7 @@ class Search:
         self._observers.over_by(time)
 
     def stops(self, after: int, until: int, step: Step | None = None) -> list[int]:
-        """Return the times in (after, until] at which something takes effect [s after start]; step: from one to the other."""
+        """Return the times in (after, until] at which an update takes effect [s after start]; step: the step between the two."""
         times = [flown.end for flown in self._waiting] + self._overdue
         times += [time for time, _, _ in self._contacts] + [time for time, _ in self._looks]
         return sorted({t for t in times if after < t <= until} | self._observers.stops(after, until, step))

@@ -51,7 +51,7 @@ from kernels.noise import Purpose
 PRIOR_SHARE = 0.3  # of the particles, drawn from the prior
 GOLDEN = 0.6180339887498949  # deals slots evenly to the parts of the mixture, by their numbers
 
-Flow = Callable[[], Forcing]  # opens the forcing of a run once more; whoever asks closes it
+Flow = Callable[[], Forcing]  # opens the forcing of a run once more; the caller closes it
 
 
 class Find(NamedTuple):
@@ -65,7 +65,7 @@ class Find(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """How a scenario's debris answers to s, as a pilot has it; of each find."""
+    """The response of a scenario's debris to s, estimated by a pilot, for each find."""
 
     inverse: Array  # (finds, 2, 2) inverse of M
     close: Array  # [m2] (finds, 2, 2) covariance of the finds, in terms of s
@@ -86,7 +86,7 @@ class Guide:
     passes: tuple[Fits, ...]  # one or several: each guides from where the one before has led
 
     def spec(self, spec: EnsembleSpec) -> EnsembleSpec:
-        """Return what guided particles are drawn from."""
+        """Return the proposal from which guided particles are drawn."""
         return replace(spec, guiding=len(self.finds))
 
     def scene(self, scene: Scene) -> Scene:
@@ -95,7 +95,7 @@ class Guide:
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """What the summary has of it: the names of the finds, and the share of particles drawn from the prior."""
+        """The entry in the summary: the names of the finds, and the share of particles drawn from the prior."""
         return {"finds": [find.contact.name for find in self.finds], "prior_share": PRIOR_SHARE}
 
     @property
@@ -107,7 +107,7 @@ class Guide:
 
 
 class Way(NamedTuple):
-    """Where debris came to without a coast, at the times of finds, and what led it there."""
+    """Where debris was without a coast, at the times of finds, and the errors and releases that led there."""
 
     lon: Array  # int32 binary angle (finds, n)
     lat: Array
@@ -117,7 +117,7 @@ class Way(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """What a run before the run goes through."""
+    """What a pilot run needs."""
 
     spec: EnsembleSpec
     scene: Scene
@@ -169,7 +169,7 @@ def place_covariance(scenario: Scenario) -> Array:
 
 
 def guide_particles(guide: Guide, trial: Trial, ensemble: Ensemble) -> Ensemble:
-    """Guide particles that have just been drawn, in place, and weigh them for it.
+    """Guide newly drawn particles, in place, and set their importance weights.
 
     Args:
         guide: how.
@@ -224,7 +224,7 @@ def _free_places(guide: Guide, trial: Trial, ensemble: Ensemble) -> None:
 
 
 def debris_way(guide: Guide, trial: Trial, ensemble: Ensemble, *, moved: bool) -> Way:
-    """Return where debris of some particles comes to without a coast, by the times of the finds.
+    """Return where debris of some particles is without a coast at the times of the finds.
 
     Args:
         guide: the finds, and how far what is shared moves debris.
@@ -271,7 +271,7 @@ def debris_way(guide: Guide, trial: Trial, ensemble: Ensemble, *, moved: bool) -
 
 
 def _shared(guide: Guide, spec: EnsembleSpec, ensemble: Ensemble, moved: bool) -> Array:
-    """Return s of particles as their streams and columns have it [m], (n, 2 finds); moved: of guided ones."""
+    """Return s of particles from their streams and columns [m], (n, 2 finds); moved: of guided ones."""
     answers, many = guide.responses, len(guide.finds)
     rows = answers.rows_of(ensemble.release.to_numpy())
     sums, begins = runtime.empty(2 * many * ensemble.n), runtime.upload(rows)
@@ -307,7 +307,7 @@ def _pair(ensemble: Ensemble, name: str) -> Array:
 def pull_particles(
     guide: Guide, fits: Fits, spec: EnsembleSpec, ensemble: Ensemble, way: Way, *, number: int, last: bool
 ) -> Array:
-    """Draw s and write into columns what that takes.
+    """Draw s and write the columns that produce it.
 
     Args:
         guide: the finds, and how far what is shared moves debris.

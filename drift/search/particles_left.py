@@ -23,10 +23,10 @@ def of_run(data: Any, particles: int, updates: Updates | None, contacts: Sequenc
     if update is None:
         return lost + effective.of_run(data, particles)
     low = Count(update.left, particles)
-    anew = "" if update.resampled else ", or [resampling] below = 0.05"
+    resampling = "" if update.resampled else ", or [resampling] below = 0.05"
     when = f"{after(update)} ({Count(update.ess_before).number:,.0f} before it)"
     words = effective.sentence(low, when, "areas and shares after it are rough")
-    warning = f"{words}. {_cause(update, contacts)}; else give {enough(low):,} particles or more{anew}"
+    warning = f"{words}. {_cause(update, contacts)}; otherwise use {enough(low):,} particles or more{resampling}"
     return [*lost, warning, *effective.of_run(data, particles, update.time, update.left)]
 
 
@@ -43,7 +43,7 @@ def _cause(update: Update, contacts: Sequence[Contact]) -> str:
     of = " and class (of)" if seen.drifter is not None else ""
     check = f"Check its {what}{error}{of} first: a narrow error leaves few particles"
     if seen.drifter is not None and seen.kind == "position" and not seen.guide:
-        check += "; leave out its guide = false, so that particles are guided toward it"
+        check += "; remove its guide = false, so that particles are guided toward it"
     return check
 
 

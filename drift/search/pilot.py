@@ -49,7 +49,7 @@ def fit(trial: Trial, contacts: Sequence[Contact]) -> Guide | None:
     seen = [(find.time, find.contact.drifter) for find in finds if find.contact.drifter is not None]
     if not seen:
         return None
-    answers = responses.of(spec.errors, seen, trial.clock)
+    answers = responses.forcing_responses(spec.errors, seen, trial.clock)
     plain = Fit(
         np.stack([np.eye(2)] * len(finds)),
         np.stack([WIDER * find.covariance for find in finds]),
@@ -75,7 +75,7 @@ def _anything(blind: Guide, scenario: Scenario) -> bool:
 
 
 def _fitted(blind: Guide, trial: Trial) -> Guide | None:
-    """Return a guide that knows how debris answers; None where finds leave enough particles without."""
+    """Return a guide with the response of debris; None where finds leave enough particles without one."""
     whole = prior.layout(trial.spec)
     most = max(LEAST, PILOT // len(trial.spec.scenarios))
     counts = np.minimum(prior.counts_of(trial.spec), most)
@@ -125,7 +125,7 @@ def _effective(guide: Guide, drawn: Ensemble, way: Way) -> float:
 
 
 def _lost(fit: Fit | None, way: Way, span: slice) -> Fit | None:
-    """Return a fit that knows where debris is that got lost on its way, from that which did not."""
+    """Return a fit that predicts lost debris from the debris that was not lost."""
     finds = len(way.known)
     known = way.known[:, span].all(axis=0)
     if fit is None or known.sum() < FEW:

@@ -1,4 +1,4 @@
-"""The proposal by which guided particles are drawn: a mixture of the prior and of laws given finds.
+"""The proposal by which guided particles are drawn: a mixture of the prior and of distributions given finds.
 
 What is drawn is s, the displacement [m] that the shared unknowns give debris at the times of its finds,
 of prior N(0, S). Finds are seen as y = s + error, of a covariance R that the proposal may choose.
@@ -13,14 +13,14 @@ from geo.array import Array
 
 
 class Part(NamedTuple):
-    """A part of the mixture that some finds lead."""
+    """A part of the mixture that some finds determine."""
 
     rows: Array  # components of s of those finds, int (k,)
     error: Array  # [m2] covariance R of them, (k, k)
 
 
 class Proposal:
-    """A mixture: a share of the prior N(0, S), and of each part the law of s given its finds."""
+    """A mixture: a share of the prior N(0, S), and for each part the distribution of s given its finds."""
 
     def __init__(self, covariance: Array, parts: Sequence[Part], prior_share: float) -> None:
         """Make ready.

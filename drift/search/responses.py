@@ -63,7 +63,7 @@ class Responses:
         return np.kron(alike, np.eye(2)) + np.kron(np.ones_like(alike), place)
 
 
-def of(errors: Errors, finds: Sequence[tuple[int, Drifter]], clock: Clock) -> Responses:
+def forcing_responses(errors: Errors, finds: Sequence[tuple[int, Drifter]], clock: Clock) -> Responses:
     """Return how errors of the forcing move debris by the times of finds.
 
     Args:

@@ -122,7 +122,7 @@ def find(name: str) -> str:
 
 
 def _advice(name: str) -> str:
-    """Return what to write in place of a name that the tables do not have: what is nearest in size, or in meaning."""
+    """Return a suggestion for a name that is not in the tables: the nearest in size, or in meaning."""
     text = unicodedata.normalize("NFKC", name).lower()
     size = re.search(r"(\d+(?:[.,]\d+)?(?:e\d+)?)\s*-?\s*([^\W\d_]*)", text)
     letters = _letters(text.replace(size[0], "") if size else text)

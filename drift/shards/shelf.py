@@ -66,7 +66,7 @@ def opened(out: Path | None, fingerprint: Mapping[str, str], need: int, slices: 
 
 
 def check_room(out: Path | None, need: int) -> None:
-    """Refuse a run whose shards [bytes] the disk has no room for, before anything of it is drawn.
+    """Reject a run whose shards [bytes] the disk has no room for, before anything of it is drawn.
 
     out: folder of its results; None: they are not kept, and the shards lie in the temporary folder.
     """

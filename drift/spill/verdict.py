@@ -87,16 +87,16 @@ def _cell(value: Any) -> str:
 def ours(row: Row) -> str:
     """Return whether a find is one of ours, in words."""
     if row["false"] == 0:
-        return "taken for ours (no false = a probability that it is none)"
-    return f"none of ours with {notation.percent(row['none_of_ours'])}"
+        return "counted as from this spill (set false if that is unsure)"
+    return f"not from this spill: {notation.percent(row['none_of_ours'])}"
 
 
 def odd(told: Sequence[Row]) -> list[str]:
     """Return a warning of each find that was hardly to be expected where it was found."""
     return [
         f'find {row["number"]} "{row["name"]}" ({notation.group(row["time"])}, {row["position"]}, {row["stretch"]}) is odd: '
-        f"what was known before put the next find there with {notation.percent(row['probability_beforehand'])}, and anywhere at "
-        f"most as likely with {notation.percent(row['tail'])}; {ours(row)}: check it"
+        f"the probability of the next find there was {notation.percent(row['probability_beforehand'])}, at places at "
+        f"most as likely {notation.percent(row['tail'])}; {ours(row)}; check it"
         for row in told
         if row["odd"]
     ]

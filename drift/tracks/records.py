@@ -100,7 +100,7 @@ def nowhere(track: Track) -> Array:
 def believed(
     tracks: Sequence[Track], fastest: float = FASTEST, spells_aground: Callable[[Track], Array] = aground
 ) -> Believed:
-    """Return tracks in order of time without fixes that cannot be true.
+    """Return tracks in order of time without impossible fixes.
 
     fastest: speed [m/s] that no fix may need. spells_aground: says which fixes of a track are aground, (n,).
     """
@@ -160,7 +160,7 @@ def spells(track: Track, aground: Array) -> list[slice]:
 
 
 def words_for_spells(tracks: Sequence[Track], aground: Sequence[Array]) -> str:
-    """Return what counts as a spell aground, and since when the first few drifters were; "" where none was."""
+    """Return the rule for a spell aground, and since when the first few drifters were aground; "" where none was."""
     pairs = zip(tracks, aground, strict=True)
     firsts = [(track, int(np.argmax(mask))) for track, mask in pairs if mask.any()]
     if not firsts:

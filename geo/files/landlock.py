@@ -57,7 +57,7 @@ def enclose(folders: Iterable[Path], program: Iterable[Path] = (), writable: Ite
 
     It reads files in folders, of a program and what Python needs; it makes, writes, renames and removes files in
     writable folders and in the caches. Call it before other threads are started. Files that are open already stay so.
-    Returns whether the kernel holds it, False where it has no Landlock; raises OSError where it has, and refuses.
+    Returns whether the kernel holds it, False where it has no Landlock; raises OSError where it has Landlock but fails.
     """
     held = version()
     if not held:
@@ -116,7 +116,7 @@ def _allow(rules: int, path: Path, access: int) -> None:
         return
     try:
         if not stat.S_ISDIR(os.fstat(place).st_mode):
-            access &= READ_FILE | WRITE_FILE | TRUNCATE  # the kernel refuses rules of a file about others
+            access &= READ_FILE | WRITE_FILE | TRUNCATE  # the kernel rejects rules of a file about others
         _call(ADD_RULE, rules, PATH_BENEATH, struct.pack("=Qi", access, place), 0)
     finally:
         os.close(place)

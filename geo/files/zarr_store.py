@@ -87,8 +87,8 @@ def without_pickles() -> Iterator[None]:
     from numcodecs import registry
     from numcodecs.abc import Codec
 
-    class Refusing(Codec):  # type: ignore[misc]
-        """Stands for the codec, and refuses to be built."""
+    class RejectedCodec(Codec):  # type: ignore[misc]
+        """Stands in for the codec, and fails when it is built."""
 
         codec_id = CODEC
 
@@ -103,7 +103,7 @@ def without_pickles() -> Iterator[None]:
 
     with _building:  # another thread would put back what this one has set
         before = registry.codec_registry.get(CODEC)
-        registry.register_codec(Refusing, CODEC)
+        registry.register_codec(RejectedCodec, CODEC)
         try:
             yield
         finally:
@@ -158,7 +158,7 @@ def _holds_objects(written: Any) -> bool:
     with suppress(Exception), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return isinstance(written, str) and bool(np.dtype(written).hasobject)
-    return False  # no type of NumPy: Zarr refuses it, or has a type of its own
+    return False  # no type of NumPy: Zarr rejects it, or has a type of its own
 
 
 def first_damaged(folder: str, largest: int = 0) -> tuple[str, Exception] | None:

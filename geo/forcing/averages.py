@@ -1,4 +1,4 @@
-"""Where in time a slice stands that is a mean over an interval.
+"""The time of a slice that is a mean over an interval.
 
 A mean is nearest to what it is made of at the middle of its interval, and files stamp it at the start, the middle or the
 end. Time bounds say where the interval lies; without them its length follows from the spacing of the slices, and its place
@@ -29,9 +29,9 @@ SLACK = 0.02  # share of an interval by which a stamp may lie outside it: bounds
 
 # Names of data sets of the Copernicus Marine Service end in what a slice is: a mean (m) or an instant (i).
 COPERNICUS = re.compile(r"cmems_(?:mod|obs)[\w.\-]*_PT?\d+[HDMYS]-(m|i)(?![A-Za-z])")
-# Methods of which the value is near that of the middle of an interval, and those of an instant.
+# Methods whose value is near that at the middle of an interval, and those of an instant.
 MEANS = ("mean", "average", "avg", "median", "mid_range")
-# Those of which nothing is a velocity, by CF, GRIB and XIOS; what none of them names says nothing.
+# Methods of CF, GRIB and XIOS that give no velocity; any other word is ignored.
 OTHERS = (
     "sum", "maximum", "minimum", "maximum_absolute_value", "minimum_absolute_value", "mean_absolute_value",
     "mean_of_upper_decile", "mode", "range", "root_mean_square", "standard_deviation", "sum_of_squares", "variance",
@@ -126,7 +126,7 @@ def bounds_of(data: xr.Dataset, time_name: str, times: Times, zone: int | None) 
 
 
 def _check(cells: Times, times: Times, name: str) -> None:
-    """Refuse bounds that do not hold their times, or whose middles are no times of their own."""
+    """Reject bounds that do not hold their times, or whose middles are no times of their own."""
     slack = (cells[:, 1] - cells[:, 0]) * SLACK + np.timedelta64(1, "s")
     outside = np.flatnonzero((times < cells[:, 0] - slack) | (times > cells[:, 1] + slack))
     if outside.size:
@@ -141,13 +141,13 @@ def _check(cells: Times, times: Times, name: str) -> None:
 
 
 def place(times: Times, cells: Times, method: Method, stated: str, key: str) -> tuple[Times, Times | None, list[str]]:
-    """Return where slices stand in time, their intervals (n, 2) or None for instants, and remarks.
+    """Return the times of slices, their intervals (n, 2) or None for instants, and remarks.
 
     times: as the files have them, rising; cells (n, 2): by bounds, NaT without; stated: where in their interval the case
     says that they are stamped, "" where it does not; key: of the case that states it.
     """
     if stated == "instant":
-        return times, None, ["times are taken for instants, as the case says"]
+        return times, None, ["times are taken as instants, as the case states"]
     if stated:
         return _by_spacing(times, stated, "as the case says")
     known = ~np.isnat(cells[:, 0])
@@ -211,7 +211,7 @@ def _told(cells: Times, times: Times, moved: Times, why: str) -> str:
         if (moved == times).all()
         else f"; the slice stamped {notation.group(times[0])} is given {notation.group(moved[0])}"
     )
-    return f"means over {over}, each given the middle of its interval ({why}){shift}; the outermost hold to the edges of theirs"
+    return f"means over {over}, each placed at the middle of its interval ({why}){shift}; the first and last hold to the edges of theirs"
 
 
 def _middles(cells: Times) -> Times:
@@ -219,7 +219,7 @@ def _middles(cells: Times) -> Times:
 
 
 def _at_middle(times: Times) -> bool:
-    """Whether all stamps stand half their spacing after midnight's multiples of it: 12:00 of days, 00:30 of hours."""
+    """Whether all stamps lie half their spacing after midnight's multiples of it: 12:00 of days, 00:30 of hours."""
     usual = int(np.median(np.diff(times)).astype(int))
     if _monthly_spacing(usual):
         days = times.astype("datetime64[D]") - times.astype("datetime64[M]").astype("datetime64[D]")

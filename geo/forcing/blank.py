@@ -1,4 +1,4 @@
-"""Slices that hold no value at all where a source is wanted, between slices that do.
+"""Slices without any value in the wanted area, between slices that have values.
 
 A model's output may have lost one. It is found by the series of one wet point, read at once, and believed once the whole
 slice is read; what is left out is interpolated over as a slice that is absent.
@@ -73,7 +73,7 @@ def _series(component: Component, indices: Sequence[int], place: tuple[int, ...]
 
 
 def _there(values: Array, component: Component) -> Array:
-    """Return whether values are none that mean missing."""
+    """Return whether values are real values, not ones that mean missing."""
     with np.errstate(invalid="ignore"):
         real = np.isfinite(values) & ~np.isin(values, component.fills)
         return real & (np.abs(values) * component.factor <= QUANTITIES[component.quantity].impossible)

@@ -1,7 +1,7 @@
 """The times of a file's slices as UTC datetime64[s].
 
 Non-standard calendars are read date by date: 360_day's 30 February has no counterpart and is refused. What
-has no meaning as a time (climatologies, "day as %Y%m%d", a zone such as MDT, a lone time stamp) is refused with the key
+has no meaning as a time (climatologies, "day as %Y%m%d", a zone such as MDT, a lone time stamp) is rejected with the key
 that lets the user state it. Slices at the end of a file whose times are missing are left out.
 """
 
@@ -66,7 +66,7 @@ def variable_of(data: xr.Dataset, dims: Sequence[str], chosen: Mapping[str, Any]
 def decode(data: xr.Dataset, name: str, zone: int | None = None, trim: bool = False) -> tuple[Times, list[str]]:
     """Return the times [UTC] of a time variable and remarks on how they were understood.
 
-    zone: [s] ahead of UTC, as a case states it; trim: times that are missing at the end are left out, else refused.
+    zone: [s] ahead of UTC, as a case states it; trim: times that are missing at the end are left out, else rejected.
     """
     variable = data[name]
     values = np.atleast_1d(np.asarray(variable.values))
@@ -134,8 +134,8 @@ def counts(data: xr.Dataset, name: str | None) -> tuple[Any, str] | None:
 def order(counted: Sequence[tuple[Any, str] | None], sizes: Sequence[int]) -> NDArray[np.int64] | None:
     """Return the order in time of the slices of all files, that a case may state their times; None: as they stand.
 
-    counted: see `counts`, of each file; sizes: of their slices. Where files count from one date all numbers tell it, else
-    those of each file by themselves. Numbers that repeat themselves tell nothing.
+    counted: see `counts`, of each file; sizes: of their slices. If all files count from one date, all numbers are compared, else
+    those of each file by themselves. Repeated numbers do not count.
     """
     whole = [own for own in counted if own is not None and len(np.unique(own[0])) == len(own[0])]
     if len(whole) < len(counted) or any(len(own[0]) != size for own, size in zip(whole, sizes, strict=True)):
@@ -169,7 +169,7 @@ def _snapped(times: Times, grain: float) -> tuple[Times, int]:
 
 
 def replaces(times: Any) -> bool:
-    """Whether what a case says of times stands in place of the file's own."""
+    """Whether the times in a case replace the file's own."""
     return times is not None and not (isinstance(times, Mapping) and "start" not in times)
 
 
@@ -180,7 +180,7 @@ def zone(times: Any) -> int | None:
 
 
 def stamp(times: Any) -> str:
-    """Return where in their interval a case says that slices are stamped, "" where it does not."""
+    """Return where in their interval slices are stamped according to the case, "" where it does not state it."""
     return str(times.get("stamp") or "") if isinstance(times, Mapping) else ""
 
 

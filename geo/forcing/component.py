@@ -97,7 +97,7 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
     _check_method(wanted, method, path)
     moving = places.of(files, name, dims, chosen, wanted.side, time_dim)
     if moving is not None:
-        notes.append(f"a grid that moves: {moving.count} places, each slice is read at its own")
+        notes.append(f"moving grid: {moving.count} positions; each slice is read at its own position")
     slices: list[Slice] = []
     stamped: list[_Stamped] = []
     for other_path, other in files:
@@ -162,7 +162,7 @@ class _Stamped:
 
 
 def _check_method(wanted: Wanted, method: averages.Method, path: str) -> None:
-    """Refuse what is no velocity at a time: greatest values, sums, climatologies."""
+    """Reject what is no velocity at a time: greatest values, sums, climatologies."""
     if method.kind in ("", "mean", "point") or clock.stamp(wanted.times) == "instant" or wanted.steady:
         return
     if wanted.name in (wanted.chosen.get("east"), wanted.chosen.get("north")) and method.kind != "climatology":
@@ -203,7 +203,7 @@ def _stamps(wanted: Wanted, file: File, time_name: str | None, own: list[Slice],
     chosen = np.argsort(when, kind="stable")
     if (chosen != np.arange(len(when))).any():
         falling = (np.diff(when) < np.timedelta64(0, "s")).all()
-        remarks.append(f"times {'fall' if falling else 'are in no order'}: slices are sorted by time")
+        remarks.append(f"times {'decrease' if falling else 'are not in order'}: slices are sorted by time")
     repeated = np.flatnonzero(np.diff(when[chosen]) == np.timedelta64(0, "s")).tolist()
     for k in repeated:
         if not _same_values(wanted.name, own[chosen[k]], own[chosen[k + 1]]):
@@ -257,7 +257,7 @@ def _in_stated_order(
     order = clock.order(counted, sizes)
     if order is None or (order == np.arange(len(slices))).all():
         return slices
-    notes.append("slices are taken in the order of the file's own times, not as they stand in it")
+    notes.append("slices are taken in the order of the file's own times, not in the file's order")
     return [slices[k] for k in order]
 
 
@@ -401,7 +401,7 @@ def _unstructured(data: xr.Dataset, name: str, dims: Sequence[str], chosen: Mapp
 
 
 def _same_grid(wanted: Wanted, first: File, file: File, dims: tuple[str, ...], moves: bool) -> None:
-    """Refuse a file whose points along a variable's horizontal dimensions are not those of the first, unless they move."""
+    """Reject a file whose points along a variable's horizontal dimensions are not those of the first, unless they move."""
     (path, data), (other_path, other) = first, file
     if other is data:
         return

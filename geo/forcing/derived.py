@@ -1,4 +1,4 @@
-"""Variables that are made of others when they are read, slice by slice: nothing is in memory before."""
+"""Variables computed from others when they are read, slice by slice: nothing is held in memory before."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -42,6 +42,6 @@ def derive(variable: xr.Variable, read: Callable[[Part], Array], without: str | 
 
 
 def values_of(variable: xr.Variable, part: Part) -> Array:
-    """Return part of a variable; of dimensions that it does not have nothing is asked."""
+    """Return part of a variable; dimensions that it does not have are ignored."""
     own = {dim: index for dim, index in part.items() if dim in variable.dims}
     return np.array(variable.isel(own).values, np.float64)

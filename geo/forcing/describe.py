@@ -70,7 +70,7 @@ def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict
             try:
                 pair = quantities.search(quantity, fields)
             except UserError:
-                names[quantity] = set(everything)  # several pairs: the refusal that opening gives says which there are
+                names[quantity] = set(everything)  # several pairs: the error that opening gives says which there are
                 break
             if pair is not None:
                 names.setdefault(quantity, set()).update((pair.east, pair.north))

@@ -24,7 +24,7 @@ TILES = 4  # places whose weights are kept
 
 @dataclass(frozen=True)
 class Nest:
-    """Two components on a grid that moves, and the regular grid to which they are carried.
+    """Two components on a moving grid, and the regular grid to which they are carried.
 
     numbers: the place at each slice; met: the places that have a part of what is needed; dry: whether values that are
     exactly zero are land; domain: (nlat, nlon) nodes inside the grid at every place that is met.

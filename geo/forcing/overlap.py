@@ -1,4 +1,4 @@
-"""Times that stand in several files of a source: boundaries that files share, and forecasts that overlap.
+"""Times that several files of a source share: common boundaries, and forecasts that overlap.
 
 Where the values are the same, one of them is taken. Where they differ, the file whose run is later counts from its first
 time to its last, so that slices of two runs never alternate. ERA5's final values count before its preliminary ones.
@@ -41,7 +41,7 @@ class _Run:
 def resolved(
     times: NDArray[np.datetime64], slices: Sequence[Slice], name: str, fixed: Mapping[str, int], notes: list[str]
 ) -> NDArray[np.int64]:
-    """Return which slices count, in order of time, so that every time stands once.
+    """Return which slices count, in order of time, each time once.
 
     times: of the slices; name, fixed: the variable, and its indices along all dimensions but the horizontal ones and
     time; notes: remarks are appended to this list.

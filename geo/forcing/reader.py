@@ -17,12 +17,12 @@ from geo.box import Box
 from geo.errors import UserError
 from geo.files import dataset
 from geo.forcing import (
-    alike,
     averages,
     blank,
     clock,
     component,
     ensemble,
+    harmonise,
     members,
     memory,
     nest,
@@ -224,7 +224,7 @@ def _no_members(request: Request, files: list[tuple[str, xr.Dataset]]) -> str:
 def _open(request: Request, paths: dataset.Paths | memory.Held, files: list[tuple[str, xr.Dataset]]) -> Opened:
     q = request.quantity
     notes: list[str] = []
-    files = alike.renamed(q, files, request.variables, notes)
+    files = harmonise.rename_components(q, files, request.variables, notes)
     attributes: dict[str, Mapping[str, Any]] = {}
     for _, data in files:
         for key, variable in data.variables.items():
@@ -288,7 +288,7 @@ def cut(opened: Opened, box: Box | None) -> Reading:
 
 
 def _blank(tiles: Sequence[tile.Tile]) -> Callable[[Sequence[int]], list[int]]:
-    """Return what finds blank slices in any of some tiles, and looks at each slice once."""
+    """Return a test for blank slices in any of some tiles that reads each slice once."""
     known: dict[int, bool] = {}
 
     def find(indices: Sequence[int]) -> list[int]:
@@ -301,7 +301,7 @@ def _blank(tiles: Sequence[tile.Tile]) -> Callable[[Sequence[int]], list[int]]:
 
 
 def _cut_nest(opened: Opened, request: Request, wanted: Box | None) -> Reading:
-    """Return what `cut` does of a grid that moves."""
+    """Return what `cut` does of a moving grid."""
     pair, whole = opened.components, opened.whole
     held = nest.make(pair, opened.count, opened.pair.axes, wanted, whole.dry)
     if held is None:
@@ -418,7 +418,7 @@ def _components(
     if lent:
         holding = [(p, _with(d, lent)) for p, d in holding]
     holding = [(path, _derived(request, pair, data, notes)) for path, data in holding]
-    holding = alike.aligned(holding, (pair.east, pair.north), request.units, notes)
+    holding = harmonise.align_grids(holding, (pair.east, pair.north), request.units, notes)
     stated = request.steady or clock.replaces(request.times)
     result = []
     for side, name in enumerate((pair.east, pair.north)):
@@ -525,7 +525,7 @@ def _from_to(times: clock.Times) -> str:
 def _restamped(
     request: Request, first: Component, second: Component, times: clock.Times, notes: list[str]
 ) -> tuple[Component, Component, clock.Times]:
-    """Return components at the times that a case states, or in the middle of means that it says are stamped so."""
+    """Return components at the times that a case states, or at the middle of means stamped as it states."""
     stamp = clock.stamp(request.times)
     if not stamp:
         return first, second, times

@@ -1,4 +1,4 @@
-"""Forecasts that lie along two dimensions, the start of a run and the time since: brought to one axis of time.
+"""Forecasts that lie along two dimensions, the start of a run and the time since: converted to one time axis.
 
 Each run becomes a file of its own, whose slices have valid times. Where runs overlap, the later one wins.
 """

@@ -80,7 +80,7 @@ class Source:
         return replace(self, shelf=Shelf(part, finished), others=others)
 
     def without_blank(self, first: np.datetime64, last: np.datetime64) -> "Source":
-        """Return it without the slices from one time to another that hold nothing, as if they were absent.
+        """Return the source without the empty slices between two times, as if they were absent.
 
         It says which they are. Where all of them hold nothing it is returned as it is.
         """
@@ -318,9 +318,7 @@ def as_said(quantity: str, east: float, north: float) -> str:
     toward = np.degrees(np.arctan2(east, north))
     from_ = QUANTITIES[quantity].in_air
     angle = float(toward + 180 if from_ else toward)
-    return (
-        f"{notation.number(speed / notation.KNOT, 4)} kn {'from' if from_ else 'toward'} {notation.bearing(angle, 4)}"
-    )
+    return f"{notation.number(speed / notation.KNOT)} kn {'from' if from_ else 'toward'} {notation.bearing(angle)}"
 
 
 def analytic(

@@ -1,4 +1,4 @@
-"""Which values of a variable its file says are valid: its valid range, and quality flags that stand beside it.
+"""Which values of a variable its file says are valid: its valid range, and its quality flags.
 
 The range (`valid_range`, `valid_min`, `valid_max`) of packed values counts packed numbers, unless it is of a floating
 type and they are not (NetCDF Users' Guide, appendix A). Flags are those of the CF conventions, section 3.5: variables
@@ -43,7 +43,7 @@ class Flags:
 
 
 def apply(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable:
-    """Return a variable whose values are missing where its file says that they are not valid; notes is added to."""
+    """Return a variable with the values missing that its file calls invalid; notes are appended."""
     variable = data.variables[name]
     limits = valid_limits(variable.attrs, variable.encoding)
     flags = _flags(data, name)
@@ -96,7 +96,7 @@ def valid_limits(attributes: Mapping[str, Any], packing: Mapping[str, Any]) -> t
 
 
 def _grain(limits: tuple[float, float], packing: Mapping[str, Any]) -> float:
-    """Return by how much rounding may put a value that is at its limit beyond it."""
+    """Return by how much rounding may move a value at its limit beyond it."""
     kind = np.dtype(packing.get("dtype") or np.float32)
     if kind.kind in "iu" and _packed(packing):
         return abs(float(packing.get("scale_factor", 1.0))) / 2

@@ -38,7 +38,7 @@ def role(name: str, attributes: Mapping[str, Any]) -> str | None:
 
 
 def certainty(name: str, attributes: Mapping[str, Any], wanted: str) -> int:
-    """Return a score of how much says that coordinates are longitudes, or latitudes: attributes count more than names."""
+    """Score the evidence that coordinates are longitudes, or latitudes: attributes count more than names."""
     pattern = LON if wanted == "longitude" else LAT
     standard = str(attributes.get("standard_name", "")).strip().lower()
     return 4 * (standard == wanted) + 4 * (_by_units(attributes) == wanted) + 2 * bool(pattern.match(name))

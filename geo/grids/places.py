@@ -1,4 +1,4 @@
-"""Where a grid that moves stands: files that give its coordinates for every time, or one file for each time.
+"""Positions of a moving grid: files that give its coordinates for every time, or one file for each time.
 
 WRF's moving nests are of the first kind, those of hurricane models that follow a storm often of the second.
 """
@@ -52,7 +52,7 @@ def of(
     side: int,
     time_dim: str | None,
 ) -> Places | None:
-    """Return the places of a variable's grid in its files; None where it stands still.
+    """Return the places of a variable's grid in its files; None where it does not move.
 
     It moves where a file gives coordinates for every time, or where every file has one time. dims: its horizontal
     dimensions; chosen, side: as in `locate.locate`.

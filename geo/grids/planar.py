@@ -1,4 +1,4 @@
-"""Coordinates in metres of a projection's plane, on meshes and curved grids: brought to longitudes and latitudes.
+"""Coordinates in metres of a projection's plane, on meshes and curved grids: converted to longitudes and latitudes.
 
 Delft3D FM in UTM and FVCOM with Cartesian coordinates write them. The projection is the one that the case names, else
 that of the file: a grid mapping, an EPSG code, a PROJ or WKT text, or FVCOM's `CoordinateProjection`.

@@ -430,7 +430,7 @@ def test_figures_and_dataset_say_what_the_grid_says(tmp_path) -> None:
     assert words["half within"] == f"{radius / 1.852:.2f} nmi ({radius:.2f} km) of it"
     assert words["mean position"] == "50-00.0N 000-00.0E"
     assert words["standard deviation"] == "1.62 nmi (3.00 km) east, 1.62 nmi (3.00 km) north, 2.78 h"
-    assert words["worlds"] == "5 of 10 count"
+    assert words["worlds"] == "5 of 10 effective"
     (row,) = csv.DictReader(io.StringIO(text.csv(said, "run-s1")))
     for name, value in said.items():
         assert row[name] == value if isinstance(value, str) else float(row[name]) == pytest.approx(value, rel=5e-6)

@@ -1,4 +1,4 @@
-"""All mistakes of a case come at once: any two of these give the lines that each gives alone, and no other."""
+"""All errors of a case come at once: any two of these give the lines that each gives alone, and no other."""
 
 import itertools
 from pathlib import Path
@@ -97,7 +97,7 @@ TOUCH = {  # pairs in one table, whose value that cannot be read hides what the 
 
 
 def load(tmp_path: Path, *names: str) -> list[str]:
-    """Return the refusal's lines of a case with some mistakes."""
+    """Return the error's lines of a case with some mistakes."""
     text = "".join(["title = 'all at once'", CASE])
     for name in names:
         old, new = MISTAKES[name]

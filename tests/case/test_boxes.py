@@ -1,4 +1,4 @@
-"""Every place where a box is given from west to east: which way round, the long way refused, its remedies taken."""
+"""Every place where a box is given from west to east: which way round, the long way rejected, its remedies taken."""
 
 import re
 from collections.abc import Callable

@@ -232,7 +232,7 @@ def test_files_relative_and_through_the_environment(tmp_path: Path, monkeypatch:
         assert load(tmp_path, CASE.replace("[[wind]]", own)).forcing["current"][1].times == meant
     for text, words in (
         ('{ start = "+1 h" }', "start and every go together"),
-        ('{ start = "+1 h", every = "1 h", zone = "UTC" }', "zone is of the file's own times"),
+        ('{ start = "+1 h", every = "1 h", zone = "UTC" }', "zone applies to the file's own times"),
         ("{ }", "give start and every, or zone, or stamp"),
         ('{ zone = "CST" }', 'zone "CST": allowed are "UTC" and hours ahead of UTC'),
         ('{ stamp = "noon" }', "stamp"),

@@ -47,7 +47,7 @@ def test_damaged_files_are_refused_in_a_line_or_read(made: str, tmp_path: Path) 
 
 
 def test_odd_options_and_tables_are_refused_in_lines_or_understood(tmp_path: Path) -> None:
-    """Two trials of each command; results that stood before a refusal stand after it."""
+    """Two trials of each command; results that stood before an error stand after it."""
     told = []
     for number in range(2 * len(fuzz_commands.COMMANDS)):
         _, given = fuzz_commands.words(number, tmp_path)

@@ -561,15 +561,15 @@ def _runs(process: int) -> bool:
 FATES = {  # what a process does, and what its log ends with
     "it takes too long": ("import time; time.sleep(60); (lambda memory: None)", "took more than 0.0005 h; drift serve --hours"),
     "a library crashes": ("import os; os.kill(os.getpid(), 11); (lambda memory: None)", "a library crashed (SIGSEGV); try"),
-    "it is killed": ("import os; os.kill(os.getpid(), 9); (lambda memory: None)", "by SIGKILL, as happens where the memory"),
+    "it is killed": ("import os; os.kill(os.getpid(), 9); (lambda memory: None)", "by SIGKILL, as happens when memory"),
     "it asks for too much": (
         "from drift.cli import commands, tethered; commands._dispatch = lambda argv: bytearray(2**33); tethered.main",
-        "the memory does not suffice (",
+        "not enough memory (",
     ),
     "Taichi asks for too much": (
         "from drift.cli import commands, tethered; import numpy as np; from kernels import runtime; import taichi as ti; "
         "commands._dispatch = lambda argv: (runtime.start(threads=1), ti.ndarray(ti.f32, 2**30)); tethered.main",
-        "the memory does not suffice ([host_memory_pool",
+        "not enough memory ([host_memory_pool",
     ),
 }  # fmt: skip
 

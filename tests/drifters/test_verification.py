@@ -614,5 +614,5 @@ def test_columns_stand_for_forcing_that_the_case_does_not_have(tmp_path, capsys)
     assert commands.main([*fit, "--columns", "wind_east=a,wind_north=b"]) == 2  # nothing gives a current
     assert "has no current" in capsys.readouterr().err
     loaded = drift.load(tmp_path / "bare.toml", along=["current", "wind"])
-    with pytest.raises(UserError, match="loaded with along = current, and no columns of it are named"):
+    with pytest.raises(UserError, match="loaded with along = current, but no columns for it were given"):
         drift.verify(loaded, [track])

@@ -1,4 +1,4 @@
-"""Files of the kinds that outside trials found to go wrong: their right ends, or a refusal whose remedy gives them.
+"""Files of the kinds that outside trials found to go wrong: their right ends, or an error whose remedy gives them.
 
 Ends are from a float64 integration of the analytic fields in the files (their README and our own, which agree to 0.1 m).
 """
@@ -21,7 +21,7 @@ RIGHT = {
     "j_360": (-29.504371, 40.036986),
     "e_expver": (-29.704720, 40.023776),  # 0.6 of the current's speeds: the wind is 20 times as fast, windage 3 %
 }
-# what is refused, in which words, and the line that the refusal asks for
+# what is rejected, in which words, and the line that the error asks for
 REMEDIES: dict[str, tuple[str, str, tuple[float, float]]] = {
     "h_n_u850": (r"u850 is given at 850 hPa.*variables\.level", "variables = { level = 0 }", (-29.584846, 40.031959)),
     "f_ugutm0": (

@@ -1,4 +1,4 @@
-"""Remedies that refusals of a case's forcing name, followed: sources that end early, that do not go together, that are apart.
+"""Remedies that errors of a case's forcing name, followed: sources that end early, that do not go together, that are apart.
 
 The current is linear in time and the same everywhere, u = 0.05 m/s an hour since 06:00: a drifter's way is its integral.
 """

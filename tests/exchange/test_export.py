@@ -375,7 +375,7 @@ def test_outputs_of_a_backward_run_come_in_ascending_order() -> None:
         (["{run}", "kml", "--time", "noon"], '--time: "noon" is not a time'),
         (["nowhere", "kml"], "results nowhere: there is no such folder"),
         (["{changed}", "kml"], 'not the whole result of a run: "contours.geojson" has been changed'),
-        (["{export}", "kml"], "hold no forecast.nc; export what drift run or drift plan wrote"),
+        (["{export}", "kml"], "hold no forecast.nc; give a folder written by drift run, drift plan"),
         (["{unplanned}", "rtz"], "hold no plan, and rtz is for the ways of one"),
         (["{run}", "kml", "--out", "{export}"], "is not empty; name another with --out, or add --overwrite"),
     ],
@@ -429,9 +429,9 @@ def test_a_damaged_result_is_refused_in_a_line_or_written_so_that_it_can_be_read
 WRONG = {
     "contours.geojson": [
         (lambda whole: whole["features"][0]["properties"].pop("level"), "feature 1 has level missing"),
-        (lambda whole: whole["features"][1]["properties"].update(level=0.123), "level 0.123 is no share of forecast.nc"),
+        (lambda whole: whole["features"][1]["properties"].update(level=0.123), "level 0.123 is not a share of forecast.nc"),
         (lambda whole: whole["features"][1]["properties"].update(time="soon"), "feature 2 has time 'soon'"),
-        (lambda whole: whole["features"][0]["geometry"].update(coordinates=[[[[0, 91]] * 4]]), "[0, 91] is no longitude and latitude"),
+        (lambda whole: whole["features"][0]["geometry"].update(coordinates=[[[[0, 91]] * 4]]), "[0, 91] is not a longitude and a latitude"),
         (lambda whole: whole["features"][0]["geometry"].update(coordinates=[[[[math.nan, 1]] * 4]]), "is no JSON (NaN is no number of JSON)"),
         (lambda whole: whole["features"][0].update(geometry={"type": "Point", "coordinates": [0, 0]}), "has the geometry 'Point'; it must be a MultiPolygon"),
         (lambda whole: whole.update(features=None), "holds no list of features"),
@@ -525,10 +525,10 @@ def test_an_origin_for_other_programs(released: Path, tmp_path: Path) -> None:
     assert max(abs(b - a) for part in segments for a, b in pairwise(part)) < 0.1
     for form in ("rtz", "geotiff", "kmz"):
         with pytest.raises(
-            UserError, match=f"are of drift origin, and {form} is for forecasts; give kml, gpx, geojson"
+            UserError, match=f"come from drift origin, and {form} is for forecasts; give kml, gpx, geojson"
         ):
             drift.export(released, form, tmp_path / "no")
-    with pytest.raises(UserError, match="has no outputs by time; leave out --time"):
+    with pytest.raises(UserError, match="has no output times; remove --time"):
         drift.export(released, "kml", tmp_path / "no", times=["+0 h"])
 
 

@@ -57,8 +57,18 @@ def test_a_stated_number_comes_back_as_written(stated, unit):
     assert Decimal(notation.hundredths(float(stated) / 100)) == stated
 
 
-def test_a_number_given_in_another_unit_is_rounded():
-    assert notation.number(0.25 / KNOT) == "0.485961"  # 0.25 m/s
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.25 / KNOT, "0.486"), (math.exp(0.3), "1.35"), (math.exp(0.7), "2.014"), (-math.pi / 1000, "-0.003142"),
+        (10_000 / 7, "1429"), (1_000_000 / 7, "142857"), (99_999.99 + 1e-7, "100000"),
+    ],
+)  # fmt: skip
+def test_a_derived_number_has_four_digits(value, text):
+    assert notation.number(value) == text
+
+
+def test_a_derived_number_has_the_digits_asked_for():
     assert notation.number(100 / 3, 3) == "33.3"
 
 

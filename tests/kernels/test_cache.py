@@ -73,7 +73,7 @@ def test_too_little_memory_to_start_is_told_and_the_remedy_helps(tmp_path: Path)
         for limit in (1200 * 2**20, 3 * 2**30)
     ]
     last = done[0].stderr.strip().splitlines()[-1]
-    assert "the memory does not suffice to start the backend 'cpu'" in last
+    assert "not enough memory to start the backend 'cpu'" in last
     assert "--backend cpu" not in last
-    assert "it takes 2 to 3 GiB of address space: raise the limit" in last
+    assert "it needs 2 to 3 GiB of address space: raise the limit" in last
     assert (done[1].returncode, done[1].stdout) == (0, "[3. 3. 3.]\n")

@@ -92,7 +92,7 @@ def test_a_base_on_water_begins_at_the_nearest_land_and_says_so(tmp_path):
     (team,) = teams.teams
     assert lands(segments, team.stretches)[0] == [1]
     assert (
-        f"lies on water: its way begins at the nearest land, {0.01 * DEGREE / 1000:.3g} km off, at 00-18.0N"
+        f"lies on water: the team starts at the nearest land, {0.01 * DEGREE / 1000:.3g} km off, at 00-18.0N"
         in team.note
     )
 

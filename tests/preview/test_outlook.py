@@ -144,7 +144,7 @@ def test_what_leaves_is_told_with_its_time(tmp_path: Path, capsys: pytest.Captur
     fast = CASE.replace('files = "sea.nc"', 'files = "sea.nc"\nplausible = true')
     out = told(tmp_path, capsys, fast + "[domain]\nwest = -91\neast = -86\nsouth = 25\nnorth = 30\n", *SURE)
     assert re.search(r"by the end +(99|100) % run out of forcing", out)
-    assert "a run would be refused at its end" in out
+    assert "a run would be rejected at its end" in out
     assert "not ready" in out
     assert "ready to run" not in out
     hour = int(re.search(r"first is lost about 21(\d\d)\d\dZNOV26", out)[1])  # type: ignore[index]

@@ -1,4 +1,7 @@
-"""`drift check` reads a case's own numbers back to the digits given: the oracle is the case file itself."""
+"""`drift check` reads a case's own numbers back to the digits given, and rounds those derived from them.
+
+The oracle is the case file itself.
+"""
 
 import pytest
 
@@ -41,16 +44,37 @@ search_speed = "12.5 kn"
 transit_speed = "25 kn"
 sweep_width = "0.1234 nmi"
 """
+SPILL = """
+start = "2026-11-21T18:00Z"
+duration = "6 h"
+current = [{ constant = { speed = "0.12345 m/s", toward = 90 } }]
+wind = [{ constant = { speed = "10 kn", from = 240 } }]
+[uncertainty]
+wind = "none"
+current = { std = "0.25 m/s", time = "100 min" }
+[spill]
+objects = 50
+worlds = 50
+per_world = 10
+position = { at = "53 40N 004 50E", error = "3 nmi" }
+windage_bias = 0.3
+current_bias = "0.0875 m/s"
+class = [{ name = "box", object = { immersion = "62.5 %" } }]
+"""
 
 
-@pytest.fixture(scope="module")
-def told(tmp_path_factory):
+def read_back(path, case):
+    """Return the lines of `drift check` of a case."""
     from drift.case import file as case_file
     from drift.preview import check
 
-    path = tmp_path_factory.mktemp("read_back") / "digits.toml"
-    path.write_text(CASE)
+    path.write_text(case)
     return check.check(case_file.load(path))
+
+
+@pytest.fixture(scope="module")
+def lines(tmp_path_factory):
+    return read_back(tmp_path_factory.mktemp("read_back") / "digits.toml", CASE)
 
 
 @pytest.mark.parametrize(
@@ -67,5 +91,13 @@ def told(tmp_path_factory):
         ('unit "lifeboat"', "1.255 h on scene, W 0.1234 nmi"),
     ],
 )
-def test_check_reads_back(told, line, words):
-    assert words in told[line]
+def test_check_reads_back(lines, line, words):
+    assert words in lines[line]
+
+
+def test_check_rounds_what_it_derives(tmp_path):
+    """A factor from its logarithm, hours from minutes, knots from metres per second; what is stated stays."""
+    lines = read_back(tmp_path / "spill.toml", SPILL)
+    assert lines["biases"].startswith("windage a factor of 1.35, current 0.0875 m/s, reporting a factor of 1 ")
+    assert "0.25 m/s over 1.667 h" in lines["errors"]
+    assert "0.24 kn toward 090" in lines["current current 1"]

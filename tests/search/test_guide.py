@@ -303,15 +303,15 @@ def test_proposal_weighs_by_its_density():
 
 
 def test_only_positions_of_debris_have_guide(tmp_path):
-    """The key is refused where it does nothing, and a warning of few particles names the find's error and the key."""
+    """The key is rejected where it does nothing, and a warning of few particles names the find's error and the key."""
     bare = text_of(1000, 0.3, 0.0, 0.0, 300.0)
     own = find_text("oar", 9000.0, 5000.0, more="guide = false\n")
-    with pytest.raises(drift.UserError, match="guide is of the position of debris"):
+    with pytest.raises(drift.UserError, match="guide applies only to a position of debris"):
         loaded(tmp_path, bare + own.replace('of = { windage = "4 %" }\n', ""))
     case = loaded(tmp_path, bare + own)
     warning = drift.run(case).summary["warnings"][0]
     assert "Check its position, time, error (0.13 nmi, which holds half of it) and class (of) first" in warning
-    assert "leave out its guide = false" in warning
+    assert "remove its guide = false" in warning
     contact = replace(case.contacts[0], guide=True)
     followed = drift.run(replace(case, contacts=(contact,)))  # the remedy works
     assert followed.summary["guide"] == {"finds": ["oar"], "prior_share": 0.3}

@@ -49,13 +49,13 @@ def test_every_odd_find_is_a_warning_wherever_warnings_stand(told, tmp_path: Pat
     result, folder = told
     warnings = result.summary["warnings"]
     for name, place, verdict_on_it in (
-        ("stray", "01-00.0S 000-00.0E", "none of ours with"), ("far", "00-54.0S 000-00.0E", "taken for ours"),
+        ("stray", "01-00.0S 000-00.0E", "not from this spill: "), ("far", "00-54.0S 000-00.0E", "counted as from this spill"),
     ):  # fmt: skip
         (words,) = (line for line in warnings if f'"{name}"' in line)
         assert place in words
         assert verdict_on_it in words
         assert "is odd" in words
-        assert "put the next find there with 0 %, and" in words  # it is exactly 0
+        assert "next find there was 0 %, at places" in words  # it is exactly 0
         assert any(line == words for line in outcome.numbers(summary(folder))["warnings"])
         assert words in summary(folder)["spill"]["warning"]
         assert words in drift.export(folder, "kml", tmp_path / f"kml-{name}")[0].read_text()
@@ -72,8 +72,8 @@ def test_finds_stand_in_a_table_of_their_own(told) -> None:
     assert float(rows["stray"]["none_of_ours"]) > 0.9 > 0 == float(rows["far"]["none_of_ours"])
     assert rows["stray"]["time"] == "2026-11-22T20:00:00Z"
     facts = outcome.spill(summary(folder))
-    assert "none of ours with" in facts['find 2 "stray"']
-    assert "taken for ours" in facts['find 3 "far"']
+    assert "not from this spill: " in facts['find 2 "stray"']
+    assert "counted as from this spill" in facts['find 3 "far"']
     assert [find["name"] for find in outcome.numbers(summary(folder))["finds"]] == list(rows)
 
 

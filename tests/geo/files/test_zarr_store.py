@@ -73,7 +73,7 @@ def opened_plainly(place: Path) -> None:
 @pytest.mark.parametrize("kind", ARRAYS)
 @pytest.mark.parametrize("together", [False, True])
 def test_no_code_of_a_store_runs(tmp_path: Path, kind: str, together: bool) -> None:
-    """xarray alone runs it, which shows that the store is hostile; drift refuses it before a codec is built."""
+    """xarray alone runs it, which shows that the store is hostile; drift rejects it before a codec is built."""
     before = registry.codec_registry.get("pickle")
     store = hostile(tmp_path / "a.zarr", kind, together=together)
     with pytest.raises(UserError, match=r"pickle|Python objects") as refused:

@@ -1,4 +1,4 @@
-"""Means: given the middle of their interval, wherever they are stamped and however the file says so.
+"""Means: placed at the middle of their interval, wherever they are stamped and however the file says so.
 
 Every file holds means of a current that is linear in time, u = 0.0005 m/s an hour since EPOCH: the mean over an interval is
 the value at its middle, so that a mean at any other time has the wrong value.
@@ -77,7 +77,7 @@ def test_bounds_say_it(stamp: float, tmp_path: Path) -> None:
     check(sources.open_source("current", written(tmp_path / "b.nc", DAYS, stamp, bounds=True, about={})), DAYS)
     told = "\n".join(describe.describe(source))
     assert "101200ZMAR24 to 151200ZMAR24, 6 slices every 24 h, held from 100000ZMAR24 to 160000ZMAR24" in told
-    assert "means over 24 h, each given the middle of its interval (by their time bounds)" in told
+    assert "means over 24 h, each placed at the middle of its interval (by their time bounds)" in told
 
 
 def test_bounds_in_other_units_packed_or_turned(tmp_path: Path) -> None:

@@ -95,7 +95,7 @@ def test_info_knows_the_names_of_every_file(tmp_path: Path) -> None:
     ]
     current, wind = describe.understand([str(path) for path in paths])
     assert (len(current.times), len(wind.times)) == (25, 13)
-    assert any("b.nc: ucur, vcur are what other files call uo, vo" in note for note in current.notes)
+    assert any("b.nc: ucur, vcur are called uo, vo in other files" in note for note in current.notes)
     assert not any("b.nc" in note for note in wind.notes)
 
 

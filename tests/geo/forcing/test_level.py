@@ -269,7 +269,7 @@ def winds(path: Path, *names: str, speeds: Any = (5.0, 20.0, 30.0)) -> Path:
      ("?GRD_1829mabovemeansealevel", "1829 m"), ("?_height_100", "100 m"), ("?a_h80", "80 m"), ("?_hub", '"hub"'), ("?GRD_0D85sigma", "0.85"), ("?80m", "80 m")],
 )  # fmt: skip
 def test_a_level_in_a_name_alone_is_judged(name: str, told: str, tmp_path: Path) -> None:
-    """Refused as a level in an attribute is; the key that the refusal names takes it."""
+    """Rejected as a level in an attribute is; the key that the error names takes it."""
     path = winds(tmp_path / "a.nc", name)
     with pytest.raises(UserError) as caught:
         sources.open_source("wind", path)

@@ -44,7 +44,7 @@ def test_each_slice_is_read_at_its_own_places(box: Box | None, tmp_path: Path) -
     path = linear.written(tmp_path / "nest.nc", nest(HOURS))
     source = sources.open_source("wind", path, box=box)
     assert linear.worst(source) < NEAR
-    assert any("13 places" in note for note in source.notes)
+    assert any("13 positions" in note for note in source.notes)
 
 
 def test_one_file_a_time_and_places_that_come_again(tmp_path: Path) -> None:
@@ -56,7 +56,7 @@ def test_one_file_a_time_and_places_that_come_again(tmp_path: Path) -> None:
         linear.written(tmp_path / f"wrfout_{k}.nc", data.assign_coords(Time=data.Time.copy(data=[float(k)])))
     source = sources.open_source("wind", str(tmp_path / "wrfout_*.nc"))
     assert linear.worst(source) < NEAR
-    assert any("3 places" in note for note in source.notes)
+    assert any("3 positions" in note for note in source.notes)
 
 
 def test_one_file_a_time_whose_axes_know_no_time(tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_one_file_a_time_whose_axes_know_no_time(tmp_path: Path) -> None:
         linear.written(tmp_path / f"storm_{k}.nc", linear.dataset([float(k)], lon, lat, names=linear.WIND))
     source = sources.open_source("wind", str(tmp_path / "storm_*.nc"))
     assert linear.worst(source) < NEAR
-    assert any("4 places" in note for note in source.notes)
+    assert any("4 positions" in note for note in source.notes)
     larger = linear.dataset([4.0], np.arange(-35.0, -25.0, 0.5), linear.LAT, names=linear.WIND)
     linear.written(tmp_path / "storm_4.nc", larger.assign_coords(lon=larger.lon + 0.2))
     with pytest.raises(UserError, match="another grid"):

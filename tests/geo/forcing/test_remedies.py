@@ -1,4 +1,4 @@
-"""Every remedy that a refusal of forcing names works: the test meets the refusal, follows it, and gets the field.
+"""Every remedy that an error of forcing names works: the test meets the error, follows it, and gets the field.
 
 The field is linear in longitude, latitude and time, so that every node and slice has one right value. A remedy that ran
 data backward, took another level or another variable would give another.
@@ -75,7 +75,7 @@ def nameless(data: xr.Dataset) -> xr.Dataset:
 
 
 Files = Callable[[], list[xr.Dataset]]
-# What is written, what the refusal says (with the remedy), and the remedies that it names.
+# What is written, what the error says (with the remedy), and the remedies that it names.
 CASES: dict[str, tuple[Files, str, list[dict[str, Any]]]] = {
     "no units": (lambda: [about(base(), "uo vo", units=None)], r'units = "m/s"', [{"units": "m/s"}]),
     "units that are none": (
@@ -169,7 +169,7 @@ CASES: dict[str, tuple[Files, str, list[dict[str, Any]]]] = {
         r'times.stamp = "start", "middle" or "end"', [{"times": {"stamp": "middle"}}, {"times": {"stamp": "instant"}}],
     ),
 }  # fmt: skip
-ASKED: dict[str, dict[str, Any]] = {  # what meets the refusal, where the file alone does not
+ASKED: dict[str, dict[str, Any]] = {  # what meets the error, where the file alone does not
     "a mask that is not there": {"variables": {"mask": "wet"}},
     "one component named": {"variables": {"east": "uo"}},
     "axes of another kind": {"variables": {"axes": "up"}},

@@ -1,7 +1,7 @@
-"""Files of one source that say the same in other ways, brought to what one of them says: names, units, order of points.
+"""Files of one source that differ in names, units or order of points, converted to the conventions of one of them.
 
-Longitudes may run 0 to 360 in one and -180 to 180 in another, latitudes may fall, a file may hold more columns and rows.
-What differs in more than that stays as it is, and is rejected where files are joined.
+Longitudes may run 0 to 360 in one and -180 to 180 in another, latitudes may decrease, a file may hold more columns and
+rows. Any other difference stays; the files are then rejected where they are joined.
 """
 
 import os
@@ -25,7 +25,7 @@ FEW_NAMES = 8  # different names of the components in files of one source, at mo
 File = tuple[str, xr.Dataset]
 
 
-def renamed(quantity: str, files: Sequence[File], chosen: Mapping[str, Any], notes: list[str]) -> list[File]:
+def rename_components(quantity: str, files: Sequence[File], chosen: Mapping[str, Any], notes: list[str]) -> list[File]:
     """Return files whose components have the names that the first ones have; notes is added to.
 
     chosen: the case's variables, which name components themselves.
@@ -44,7 +44,7 @@ def renamed(quantity: str, files: Sequence[File], chosen: Mapping[str, Any], not
             path, data = result[k]
             result[k] = (path, data.rename_vars({old: name for old, name in new.items() if old in data.variables}))
         path = os.path.basename(next(p for p, d in (files[k] for k in lacking) if other.east in d.variables))
-        notes.append(f"{path}: {other.east}, {other.north} are what other files call {first.east}, {first.north}")
+        notes.append(f"{path}: {other.east}, {other.north} are called {first.east}, {first.north} in other files")
     return result
 
 
@@ -75,7 +75,7 @@ def _straight(data: xr.Dataset, pair: Pair) -> bool:
     return {"longitude", "latitude"} <= roles
 
 
-def aligned(files: Sequence[File], names: Sequence[str], units: str | None, notes: list[str]) -> list[File]:
+def align_grids(files: Sequence[File], names: Sequence[str], units: str | None, notes: list[str]) -> list[File]:
     """Return files whose variables have the dimensions, the points in their order, and the units of the first ones.
 
     names: of both components; units: that the case states, which holds for all files; notes is added to.
@@ -172,7 +172,7 @@ def _in_order(first: xr.Dataset, data: xr.Dataset, name: str, path: str, notes: 
             continue
         if len(index) != len(held) or np.abs(held - wanted).max() > NEAR:
             called = {"longitude": "longitudes", "latitude": "latitudes"}.get(kind, f'values of "{other}"')
-            notes.append(f"{os.path.basename(path)}: its {called} brought to those of the other files")
+            notes.append(f"{os.path.basename(path)}: its {called} reordered to match the other files")
             data = data.isel({dim: index})
         data = data.assign({other: (data[other].dims, first[own].values, data[other].attrs)})
     return _turned(first, data, name)
