@@ -346,6 +346,20 @@ time = "2026-06-10T03:30Z"
 at = [-39.9078, 39.8979]
 radius = "300 m"
 sees = "nothing"
+[[presence]]
+name = "field"
+at = [-39.9078, 39.8979]
+radius = "500 m"
+start = "2026-06-10T03:05Z"
+end = "2026-06-10T03:52Z"
+present = "never"
+detection = 0.8
+[[barrier]]
+name = "line"
+points = [[-39.93, 39.894], [-39.885, 39.894]]
+start = "2026-06-10T02:40Z"
+end = "2026-06-10T04:20Z"
+detection = 0.7
 """
 
 
@@ -357,7 +371,10 @@ def written(folder: Path, **how: str) -> Path:
 
 @pytest.mark.parametrize("law", ["inverse_cube", "definite_range"])
 def test_what_searches_inside_steps_find_does_not_depend_on_the_step(tmp_path: Path, law: str) -> None:
-    """A tide that turns through 270 degrees in five hours: POS at an hour's steps against steps of a minute."""
+    """A tide that turns through 270 degrees in five hours: POS at an hour's steps against steps of a minute.
+
+    Where the drift bends southward between 03:00 and 04:00 lie an area, a look, a field and a line across it.
+    """
     pos = {}
     for step in ("1 h", "1 min"):
         path = written(tmp_path, step=step, coast='"none"', behaviour="")
