@@ -282,6 +282,18 @@ def test_the_step_is_tested_over_the_whole_run() -> None:
     assert np.percentile(sphere.distance(*ends[60], *ends[trial.step]), 95) < 20.0 * 16 / 15 * 30 / 24
 
 
+def test_the_error_of_a_step_counts_what_goes_wrong_inside_it() -> None:
+    """A step of an hour whose ends agree with those of half an hour, and which half-way is 33 m off."""
+    lon, lat = np.arange(200), np.arange(200) * 1000
+    end = lon, lat, np.full(200, Status.ADRIFT)
+    agreeing = step_size._Window({3600: end, 1800: end}, np.ones(200), {3600: 33.0}, {3600: 0.0})
+    assert agreeing.error(3600) == 33.0
+    # 100,000 units of 9.3 mm northward within half a day
+    apart = lon, lat + 100_000, end[2]
+    strayed = step_size._Window({3600: end, 1800: apart}, np.full(200, 0.5), {3600: 33.0}, {3600: 0.0})
+    assert strayed.error(3600) == pytest.approx(2 * 100_000 * sphere.UNIT * sphere.RADIUS, rel=1e-6)
+
+
 def test_straight_pieces_are_as_long_as_chords_allow() -> None:
     """In a tide that turns by 3.4e-4 m/s2 at most, an hour bulges by a t^2 / 8 = 540 m; a piece by at most 1.2 times CHORD."""
     trial = step_size.choose_step(
