@@ -273,12 +273,47 @@ pod = 0.6
             path.write_text(path.read_text().replace("{LAW}", law))
             updates = drift.run(drift.load(path)).summary["search"]["updates"]
             results[f"{law} {name}"] = {update["name"]: update["pos"]["all"] for update in updates}
-    print(results)
     for law in ("inverse_cube", "definite_range"):
         for sortie in ("legs", "area"):
             pole, equator = results[f"{law} pole"][sortie], results[f"{law} equator"][sortie]
             # The same particles by seed and slot, but for the tangent plane's third order.
             assert pole == pytest.approx(equator, abs=2e-3)
+
+
+@pytest.mark.usefixtures("coarse_maps")
+@pytest.mark.parametrize("pole", [1, -1])
+def test_the_area_of_a_pattern_round_a_pole_is_the_circle_about_it(tmp_path: Path, pole: int) -> None:
+    """A sector search through the pole of 320 nmi: POC is that of a circular normal whose 50 % circle has 250 nmi."""
+    n, at = 20_000, f"90 00{'N' if pole > 0 else 'S'} 000 00E"
+    (tmp_path / "case.toml").write_text(f"""
+start = "2026-03-03T18:00Z"
+duration = "16 h"
+particles = {n}
+seed = 5
+uncertainty = "none"
+output.every = "16 h"
+clock.step = "1 h"
+[coast]
+source = "none"
+[[current]]
+constant = {{ east = 0, north = 0 }}
+[[scenario]]
+name = "one"
+object = "water"
+position = {{ at = "{at}", error = "250 nmi" }}
+[[sortie]]
+name = "sectors"
+start = "2026-03-03T19:10Z"
+sweep_width = "20 nmi"
+law = "inverse_cube"
+frame = "ground"
+pattern = {{ kind = "sector", datum = "{at}", radius = "320 nmi", orientation = 20 }}
+speed = "280 kn"
+""")
+    (update,) = drift.run(drift.load(tmp_path / "case.toml")).summary["search"]["updates"]
+    expected = 1 - 2 ** -((320 / 250) ** 2)
+    # A circle is 36 corners, which leave out 0.2 %: half a standard error.
+    assert update["poc"]["all"] == pytest.approx(expected, abs=4 * math.sqrt(expected * (1 - expected) / n))
 
 
 @pytest.mark.parametrize("pole", [1, -1])
@@ -324,6 +359,49 @@ waypoints = [{at(*ends[0])}, {at(*ends[1])}]
     passed = (along > 0) & (along < long) & (across < 0.5 / 0.8)
     # Of 4000 particles two lie within the third order of the plane at an edge.
     assert result.updates.all[0].pos[-1] == pytest.approx(0.8 * passed.mean(), abs=5e-4)
+
+
+@pytest.mark.parametrize("pole", [1, -1])
+@pytest.mark.parametrize(
+    ("error", "kick"),  # [m/s] what an hour adds to an error of 100 years: std sqrt(2 h / time)
+    [
+        ('std = "0.3 m/s", time = "876000 h"', 0.3 * math.sqrt(2 / 876_000)),
+        ('std = "0 m/s", bias = "0.3 m/s"', 0.0),
+    ],
+    ids=["error", "bias"],
+)
+def test_a_lasting_error_of_the_current_leads_over_a_pole_along_a_great_circle(
+    tmp_path: Path, pole: int, error: str, kick: float
+) -> None:
+    """What has one error all along is as far from its start after 12, 18 and 24 hours as the first six make it."""
+    (tmp_path / "case.toml").write_text(f"""
+start = "2026-03-03T18:00Z"
+duration = "24 h"
+particles = 1000
+seed = 5
+uncertainty = {{ diffusivity = "0 m2/s", current = {{ {error} }} }}
+output.every = "6 h"
+clock.step = "1 h"
+[coast]
+source = "none"
+[[current]]
+constant = {{ east = 0, north = 0 }}
+[[scenario]]
+name = "one"
+object = "water"
+position = {{ at = "90 00{"N" if pole > 0 else "S"} 000 00E", error = "3 nmi" }}
+""")
+    tracks = next(iter(drift.run_many([drift.load(tmp_path / "case.toml")])))
+    lon, lat = np.radians(tracks.lon), np.radians(tracks.lat)
+    far = sphere.distance(lon[0], lat[0], lon, lat)
+    assert far.shape == (5, 1000)
+    assert 20_000 < np.median(far[-1]) < 40_000  # 0.3 m/s sqrt(2 ln 2) for 24 h: 30.5 km, across the pole
+    # After n hours kicks have led astray by their own size times (n^3 / 3)^1/2.
+    hours = 6 * np.arange(5)
+    walked = 3600 * kick * np.sqrt(hours**3 / 3)
+    # Of the difference between a walk and k times its first six hours; besides, 24 roundings of 5 mm, four times.
+    tolerance = 4.5 * (walked + hours / 6 * walked[1]) + 0.5
+    assert np.all(np.abs(far - np.arange(5)[:, None] * far[1]).max(axis=1) < tolerance)
 
 
 @pytest.mark.parametrize("pole", [1, -1])
