@@ -1,6 +1,7 @@
 """Where particles are inside a step: outputs, sorties, looks and shores between its ends, against closed forms."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -374,6 +375,17 @@ end = "2026-06-10T04:20Z"
 detection = 0.7
 """
 
+SQUARE = """
+[[sortie]]
+name = "square"
+start = "2026-06-10T00:00Z"
+sweep_width = "400 m"
+law = "inverse_cube"
+frame = "datum"
+pattern = { kind = "square", datum = "40 00N 040 00W", spacing = "400 m", orientation = 40, legs = 9 }
+speed = "2 kn"
+"""
+
 
 def written(folder: Path, **how: str) -> Path:
     path = folder / "case.toml"
@@ -397,6 +409,28 @@ def test_what_searches_inside_steps_find_does_not_depend_on_the_step(tmp_path: P
         assert 0.05 < value < 0.95
         # Chords of up to 5 m and sweep widths of 400 m; a boundary's particles are 4000^-1/2 of them.
         assert pos["1 h"][name] == pytest.approx(value, abs=0.006)
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        "10 min",
+        pytest.param("1 h", marks=pytest.mark.xfail(reason="a marker goes straight between steps", strict=True)),
+    ],
+)
+def test_a_pattern_that_drifts_with_its_datum_finds_what_it_finds_on_still_water(tmp_path: Path, step: str) -> None:
+    """A square about the middle of what drifts in a tide that turns: both go the same way."""
+    pos = []
+    for tidal in (True, False):
+        path = written(tmp_path, step=step, coast='"none"', behaviour="")
+        text = path.read_text()
+        if not tidal:
+            text = re.sub(r'speed = "[0-9.]+ m/s"', 'speed = "0 m/s"', text)
+        path.write_text(text + SQUARE)
+        (update,) = drift.run(drift.load(path)).summary["search"]["updates"]
+        pos.append(-np.expm1(update["log_evidence"]["all"]))
+    # Chords of up to 5 m and a sweep width of 400 m; a boundary's particles are 4000^-1/2 of them.
+    assert pos[0] == pytest.approx(pos[1], abs=0.006)
 
 
 @pytest.mark.parametrize("behaviour", ["strand", "slide", "refloat"])

@@ -281,6 +281,62 @@ pod = 0.6
 
 
 @pytest.mark.usefixtures("coarse_maps")
+@pytest.mark.parametrize(
+    "step",
+    [
+        "5 min",
+        pytest.param(
+            "1 h", marks=pytest.mark.xfail(reason="a marker's lon and lat go straight in a step", strict=True)
+        ),
+    ],
+)
+def test_a_pattern_drifts_with_its_datum_past_a_pole_as_past_any_point(tmp_path: Path, step: str) -> None:
+    """An expanding square in the frame of a datum that drifts past the pole, a mile and a half from it, on both sides."""
+    pos = {}
+    for pole in (0, 1, -1):
+        at = ("00 00N", "90 00N", "90 00S")[pole]
+        lon, lat = np.degrees(sphere.destination(0.0, pole * math.pi / 2, 1.3 * 1852, -0.8 * 1852))
+        # The first leg leads 30 degrees east of what is north at the meridian of 0.
+        orientation = (30 + pole * lon) % 360
+        (tmp_path / "case.toml").write_text(f"""
+start = "2026-03-03T18:00Z"
+duration = "4 h"
+particles = 10_000
+seed = 5
+uncertainty = "none"
+output.every = "4 h"
+clock.step = "{step}"
+[coast]
+source = "none"
+[[current]]
+constant = {{ speed = "1.5 kn", toward = 70 }}
+[[scenario]]
+name = "one"
+object = "water"
+position = {{ at = "{at} 000 00E", error = "3 nmi" }}
+[[sortie]]
+name = "square"
+start = "+10 min"
+sweep_width = "1 nmi"
+law = "inverse_cube"
+frame = "datum"
+speed = "12 kn"
+[sortie.pattern]
+kind = "square"
+datum = [{lon:.9f}, {lat:.9f}]
+spacing = "1 nmi"
+legs = 9
+orientation = {orientation:.6f}
+""")
+        (update,) = drift.run(drift.load(tmp_path / "case.toml")).summary["search"]["updates"]
+        pos[pole] = update["pos"]["all"]
+    # In five minutes a marker turns by 1/12 about the pole, and its chord in lon and lat bulges by 2.4 m: 0.13 % of a
+    # sweep width, so of POS at most.
+    for pole in (1, -1):
+        assert pos[pole] == pytest.approx(pos[0], rel=1.3e-3)
+
+
+@pytest.mark.usefixtures("coarse_maps")
 @pytest.mark.parametrize("pole", [1, -1])
 def test_the_area_of_a_pattern_round_a_pole_is_the_circle_about_it(tmp_path: Path, pole: int) -> None:
     """A sector search through the pole of 320 nmi: POC is that of a circular normal whose 50 % circle has 250 nmi."""
