@@ -1,10 +1,12 @@
 """Where particles are inside a step: outputs, sorties, looks and shores between its ends, against closed forms."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 
 import drift
 from drift.motion import simulate, step_size
@@ -12,13 +14,18 @@ from drift.motion.clock import Clock, breaks
 from drift.motion.drift import COLUMNS, DRIFT
 from drift.motion.forcing import Forcing, Sources
 from drift.motion.model import Motion
-from drift.motion.scene import Scene
+from drift.motion.scene import Kept, Scene
 from drift.particles import ensemble as record
+from drift.particles.status import Status
 from geo import sphere
+from geo.box import Box
+from geo.coast import edges as shoreline
+from geo.coast.shore import Shore
 from geo.forcing import sources
 from geo.forcing.sources import Source
 from geo.grids.grid import Grid
 from kernels import advance as kernel
+from kernels import coast as device_coast
 from kernels import curve, runtime
 
 EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
@@ -65,11 +72,15 @@ def test_outputs_inside_a_step_lie_on_the_way_and_not_on_its_chord(scheme: str) 
     place = Scene(place.forcing, place.motions, place.place._replace(scheme=scheme))
     moments = simulate.run(particles(1, 179.95, 1.0), place, Clock(T0, int(times[-1]), 1, 3600), times)
     for moment, expected in zip(moments, way(times), strict=True):
-        start = np.radians([179.95, 1.0])
-        east, north = sphere.offset(*start, moment.lon * sphere.UNIT, moment.lat * sphere.UNIT)
-        # 0.1 m: 44 km from the start the plane errs by x y tan(lat) / R.
-        assert east[0] == pytest.approx(expected * np.sin(np.radians(30)), abs=3.0)
-        assert north[0] == pytest.approx(expected * np.cos(np.radians(30)), abs=3.0)
+        # A steady course is a rhumb line on the sphere: longitude goes as tan(course) times Mercator's latitude.
+        lat = np.radians(1.0) + expected * np.cos(np.radians(30)) / sphere.RADIUS
+        stretched = np.arctanh(np.sin(lat)) - np.arctanh(np.sin(np.radians(1.0)))
+        lon = np.radians(179.95) + np.tan(np.radians(30)) * stretched
+        east, north = sphere.offset(lon, lat, moment.lon * sphere.UNIT, moment.lat * sphere.UNIT)
+        # 5 mm for the rounding of the start, of each step and of the output
+        rounding = 5e-3 * (moment.elapsed // 3600 + 2)
+        assert east[0] == pytest.approx(0.0, abs=rounding)
+        assert north[0] == pytest.approx(0.0, abs=rounding)
 
 
 def test_the_end_of_a_run_inside_a_step_is_right() -> None:
@@ -78,6 +89,114 @@ def test_the_end_of_a_run_inside_a_step_is_right() -> None:
     (end,) = simulate.run(particles(1, -30.0, 40.0), scene(tide(25)), clock, np.array([600]))
     went = sphere.distance(*np.radians([-30.0, 40.0]), end.lon[0] * sphere.UNIT, end.lat[0] * sphere.UNIT)
     assert went == pytest.approx(abs(float(np.diff(way(np.array([32_400, 33_000])))[0])), abs=0.1)
+
+
+def reversal(hours: int) -> Source:
+    """A current of 2 m/s toward the north that turns to the south within each hour, and back within the next."""
+    turning = 2.0 * (-1.0) ** np.arange(hours + 1)
+    return sources.table("current", (T0 + 3600 * np.arange(hours + 1)).astype("datetime64[s]"), 0 * turning, turning)
+
+
+def wall(north: float) -> device_coast.DeviceCoast:
+    """Land north of a parallel so many metres from 40 N."""
+    south = 40 + np.degrees(north / sphere.RADIUS)
+    box = Box(-31.5, 38.5, -28.5, 41.5)
+    shore = Shore(np.array([shapely.box(-31.4, south, -28.6, 41.4)], object), "wall", (), box)
+    return device_coast.upload(shoreline.build(shore, Box(-31.2, 38.8, -28.8, 41.2)))
+
+
+def north_of_40(moment: simulate.Moment) -> np.ndarray:
+    """Return how far north of 40 N particles are [m]."""
+    return (moment.lat * sphere.UNIT - np.radians(40)) * sphere.RADIUS
+
+
+@pytest.mark.parametrize("law", ["tide", "reversal"])
+def test_a_bent_way_is_followed_until_it_lands(law: str) -> None:
+    """An hour in which the drift gathers way, or goes out by 1.8 km and comes back: landing times and places before them.
+
+    The chord of the first is up to 523 m off; that of the second has no length.
+    """
+    turn = SPEED * np.sin(2 * np.pi * 3600 / PERIOD) / 3600  # [m/s2] of the tide in its first hour
+    toward_wall = np.cos(np.radians(30))
+    if law == "tide":
+        source, away = tide(2), np.linspace(50, 1750, 18)
+        lands = np.sqrt(2 * away / toward_wall / turn)
+    else:
+        source, away = reversal(2), np.append(np.linspace(50, 1750, 18), [1850, 3000])
+        lands = 1800 * (1 - np.sqrt(np.maximum(1 - away / 1800, 0)))
+        lands[away > 1800] = np.inf
+    ensemble = particles(away.size, -30.0, 40.0)
+    ensemble.lat.from_numpy(sphere.to_binary(40 - np.degrees(away / sphere.RADIUS)))
+    place = scene(source)
+    place = Scene(place.forcing, place.motions, place.place._replace(coast=wall(0.0)))
+    times = np.arange(300, 3601, 300)
+    for moment in simulate.run(ensemble, place, Clock(T0, 3600, 1, 3600), times):
+        time = np.minimum(moment.elapsed, lands)
+        north, speed = 0.5 * turn * time**2 * toward_wall, turn * time * toward_wall
+        if law == "reversal":
+            north, speed = 2 * time * (1 - time / 3600), np.abs(2 - time / 900)
+        landed = moment.status == Status.ASHORE
+        # The shore is met on straight pieces CHORD from the curve, so late or early by what the drift takes for that; a
+        # landing is noted in whole seconds.
+        late = curve.CHORD / np.maximum(speed, 1e-9) + 1
+        sure = np.abs(lands - moment.elapsed) > late
+        np.testing.assert_array_equal(landed[sure], (lands < moment.elapsed)[sure])
+        # Before it lands it is on the way to where it does; 2 m/s at most
+        assert np.abs(north_of_40(moment) + away - north).max() < curve.CHORD + 2.0
+    assert np.isfinite(lands).sum() == (ensemble.status.to_numpy() == Status.ASHORE).sum()
+
+
+def test_what_refloats_waits_for_the_drift_to_turn_off_the_beach_within_a_step() -> None:
+    """Onto the beach until 01:24, off it by 0.6 m/s at 02:00: who is afloat then, and how far off, at steps of an hour."""
+    n, half, offing, turns = 4000, 5400.0, 100.0, 5040  # [s], [m], [s]
+    hours, north = np.arange(3), np.array([1.0, 0.4, -0.6])
+    source = sources.table("current", (T0 + 3600 * hours).astype("datetime64[s]"), 0 * north, north)
+    ensemble = particles(n, -30.0, 40.0)
+    place, beach = scene(source), kernel.Beach(half / np.log(2), offing)
+    place = Scene(place.forcing, place.motions, place.place._replace(coast=wall(100.0), beach=beach))
+    moments = list(simulate.run(ensemble, place, Clock(T0, 7200, 1, 3600), np.array([600, 4900, 6000, 7200])))
+    since = ensemble.moving_since.to_numpy()
+    for moment in moments:
+        afloat = moment.status == Status.ADRIFT
+        # 100 m at 1 m/s to the beach
+        share = 1 - 2 ** (-(moment.elapsed - 100) / half) if moment.elapsed > turns else 0.0
+        assert afloat.mean() == pytest.approx(share, abs=4 * 0.5 / np.sqrt(n))
+        # What has waited for the turn sets off then; the rest does when its wait ends.
+        assert (since[afloat] >= turns).all()
+        led = 0.5 * (np.square(moment.elapsed - turns) - np.square(since[afloat] - turns)) / 3600
+        off = 100 - north_of_40(moment)[afloat] - led
+        # Inside the step what leads from the beach to the offing is spread over it; a second is 0.6 m.
+        assert off.min(initial=0.0) > -0.7
+        assert off.max(initial=0.0) < offing + 0.7
+    assert np.abs(off - offing).max() < 0.7
+
+
+def test_an_output_after_a_look_lies_on_the_way() -> None:
+    """A look at 00:20 ties the way down: from there it leads on along the curve, not along the chord of the rest."""
+    place, ensemble = scene(tide(25)), particles(1, -30.0, 40.0)
+    ((low, high, step),) = Clock(T0, 3600, 1, 3600).steps()
+    begin = place.advance(ensemble, low, high, step, keep=True)
+    assert begin is not None
+    kept = None
+    for time in (1200, 2000, 2700):
+        lon, lat = place.between(ensemble, begin, kept, step, time, T0)
+        kept = kept or Kept(lon, lat, time)
+        went = sphere.distance(*np.radians([-30.0, 40.0]), lon[0] * sphere.UNIT, lat[0] * sphere.UNIT)
+        assert went == pytest.approx(way(np.array([time]))[0], abs=0.1)  # float32 on 2 km, and roundings of 5 mm
+
+
+def test_velocities_inside_a_step_are_those_of_the_drift() -> None:
+    """A contact's speed and course meet the drift at its time, not the mean over the step."""
+    place, ensemble = scene(tide(25)), particles(1, -30.0, 0.0)
+    ((low, high, step),) = Clock(T0, 3600, 1, 3600).steps()
+    begin = place.advance(ensemble, low, high, step, keep=True)
+    assert begin is not None
+    for time in (0, 600, 2700):
+        east, north = place.velocity(ensemble, begin, step, time)
+        speed = SPEED * np.sin(2 * np.pi * 3600 / PERIOD) * time / 3600
+        # The ends of the hour are rounded to 5 mm.
+        assert east[0] == pytest.approx(speed * np.sin(np.radians(30)), abs=0.01 / 3600)
+        assert north[0] == pytest.approx(speed * np.cos(np.radians(30)), abs=0.01 / 3600)
 
 
 def test_places_inside_a_step_are_of_third_order() -> None:
@@ -164,6 +283,18 @@ def test_the_step_is_tested_over_the_whole_run() -> None:
     assert np.percentile(sphere.distance(*ends[60], *ends[trial.step]), 95) < 20.0 * 16 / 15 * 30 / 24
 
 
+def test_the_error_of_a_step_counts_what_goes_wrong_inside_it() -> None:
+    """A step of an hour whose ends agree with those of half an hour, and which half-way is 33 m off."""
+    lon, lat = np.arange(200), np.arange(200) * 1000
+    end = lon, lat, np.full(200, Status.ADRIFT)
+    agreeing = step_size._Window({3600: end, 1800: end}, np.ones(200), {3600: 33.0}, {3600: 0.0})
+    assert agreeing.error(3600) == 33.0
+    # 100,000 units of 9.3 mm northward within half a day
+    apart = lon, lat + 100_000, end[2]
+    strayed = step_size._Window({3600: end, 1800: apart}, np.full(200, 0.5), {3600: 33.0}, {3600: 0.0})
+    assert strayed.error(3600) == pytest.approx(2 * 100_000 * sphere.UNIT * sphere.RADIUS, rel=1e-6)
+
+
 def test_straight_pieces_are_as_long_as_chords_allow() -> None:
     """In a tide that turns by 3.4e-4 m/s2 at most, an hour bulges by a t^2 / 8 = 540 m; a piece by at most 1.2 times CHORD."""
     trial = step_size.choose_step(
@@ -228,6 +359,31 @@ time = "2026-06-10T03:30Z"
 at = [-39.9078, 39.8979]
 radius = "300 m"
 sees = "nothing"
+[[presence]]
+name = "field"
+at = [-39.9078, 39.8979]
+radius = "500 m"
+start = "2026-06-10T03:05Z"
+end = "2026-06-10T03:52Z"
+present = "never"
+detection = 0.8
+[[barrier]]
+name = "line"
+points = [[-39.93, 39.894], [-39.885, 39.894]]
+start = "2026-06-10T02:40Z"
+end = "2026-06-10T04:20Z"
+detection = 0.7
+"""
+
+SQUARE = """
+[[sortie]]
+name = "square"
+start = "2026-06-10T00:00Z"
+sweep_width = "400 m"
+law = "inverse_cube"
+frame = "datum"
+pattern = { kind = "square", datum = "40 00N 040 00W", spacing = "400 m", orientation = 40, legs = 9 }
+speed = "2 kn"
 """
 
 
@@ -239,7 +395,10 @@ def written(folder: Path, **how: str) -> Path:
 
 @pytest.mark.parametrize("law", ["inverse_cube", "definite_range"])
 def test_what_searches_inside_steps_find_does_not_depend_on_the_step(tmp_path: Path, law: str) -> None:
-    """A tide that turns through 270 degrees in five hours: POS at an hour's steps against steps of a minute."""
+    """A tide that turns through 270 degrees in five hours: POS at an hour's steps against steps of a minute.
+
+    Where the drift bends southward between 03:00 and 04:00 lie an area, a look, a field and a line across it.
+    """
     pos = {}
     for step in ("1 h", "1 min"):
         path = written(tmp_path, step=step, coast='"none"', behaviour="")
@@ -250,6 +409,28 @@ def test_what_searches_inside_steps_find_does_not_depend_on_the_step(tmp_path: P
         assert 0.05 < value < 0.95
         # Chords of up to 5 m and sweep widths of 400 m; a boundary's particles are 4000^-1/2 of them.
         assert pos["1 h"][name] == pytest.approx(value, abs=0.006)
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        "10 min",
+        pytest.param("1 h", marks=pytest.mark.xfail(reason="a marker goes straight between steps", strict=True)),
+    ],
+)
+def test_a_pattern_that_drifts_with_its_datum_finds_what_it_finds_on_still_water(tmp_path: Path, step: str) -> None:
+    """A square about the middle of what drifts in a tide that turns: both go the same way."""
+    pos = []
+    for tidal in (True, False):
+        path = written(tmp_path, step=step, coast='"none"', behaviour="")
+        text = path.read_text()
+        if not tidal:
+            text = re.sub(r'speed = "[0-9.]+ m/s"', 'speed = "0 m/s"', text)
+        path.write_text(text + SQUARE)
+        (update,) = drift.run(drift.load(path)).summary["search"]["updates"]
+        pos.append(-np.expm1(update["log_evidence"]["all"]))
+    # Chords of up to 5 m and a sweep width of 400 m; a boundary's particles are 4000^-1/2 of them.
+    assert pos[0] == pytest.approx(pos[1], abs=0.006)
 
 
 @pytest.mark.parametrize("behaviour", ["strand", "slide", "refloat"])

@@ -274,12 +274,103 @@ pod = 0.6
             path.write_text(path.read_text().replace("{LAW}", law))
             updates = drift.run(drift.load(path)).summary["search"]["updates"]
             results[f"{law} {name}"] = {update["name"]: update["pos"]["all"] for update in updates}
-    print(results)
     for law in ("inverse_cube", "definite_range"):
         for sortie in ("legs", "area"):
             pole, equator = results[f"{law} pole"][sortie], results[f"{law} equator"][sortie]
             # The same particles by seed and slot, but for the tangent plane's third order.
             assert pole == pytest.approx(equator, abs=2e-3)
+
+
+@pytest.mark.usefixtures("coarse_maps")
+@pytest.mark.parametrize(
+    "step",
+    [
+        "5 min",
+        pytest.param(
+            "1 h", marks=pytest.mark.xfail(reason="a marker's lon and lat go straight in a step", strict=True)
+        ),
+    ],
+)
+def test_a_pattern_drifts_with_its_datum_past_a_pole_as_past_any_point(tmp_path: Path, step: str) -> None:
+    """An expanding square in the frame of a datum that drifts past the pole, a mile and a half from it, on both sides."""
+    pos = {}
+    for pole in (0, 1, -1):
+        at = ("00 00N", "90 00N", "90 00S")[pole]
+        lon, lat = np.degrees(sphere.destination(0.0, pole * math.pi / 2, 1.3 * 1852, -0.8 * 1852))
+        # The first leg leads 30 degrees east of what is north at the meridian of 0.
+        orientation = (30 + pole * lon) % 360
+        (tmp_path / "case.toml").write_text(f"""
+start = "2026-03-03T18:00Z"
+duration = "4 h"
+particles = 10_000
+seed = 5
+uncertainty = "none"
+output.every = "4 h"
+clock.step = "{step}"
+[coast]
+source = "none"
+[[current]]
+constant = {{ speed = "1.5 kn", toward = 70 }}
+[[scenario]]
+name = "one"
+object = "water"
+position = {{ at = "{at} 000 00E", error = "3 nmi" }}
+[[sortie]]
+name = "square"
+start = "+10 min"
+sweep_width = "1 nmi"
+law = "inverse_cube"
+frame = "datum"
+speed = "12 kn"
+[sortie.pattern]
+kind = "square"
+datum = [{lon:.9f}, {lat:.9f}]
+spacing = "1 nmi"
+legs = 9
+orientation = {orientation:.6f}
+""")
+        (update,) = drift.run(drift.load(tmp_path / "case.toml")).summary["search"]["updates"]
+        pos[pole] = update["pos"]["all"]
+    # In five minutes a marker turns by 1/12 about the pole, and its chord in lon and lat bulges by 2.4 m: 0.13 % of a
+    # sweep width, so of POS at most.
+    for pole in (1, -1):
+        assert pos[pole] == pytest.approx(pos[0], rel=1.3e-3)
+
+
+@pytest.mark.usefixtures("coarse_maps")
+@pytest.mark.parametrize("pole", [1, -1])
+def test_the_area_of_a_pattern_round_a_pole_is_the_circle_about_it(tmp_path: Path, pole: int) -> None:
+    """A sector search through the pole of 320 nmi: POC is that of a circular normal whose 50 % circle has 250 nmi."""
+    n, at = 4000, f"90 00{'N' if pole > 0 else 'S'} 000 00E"
+    (tmp_path / "case.toml").write_text(f"""
+start = "2026-03-03T18:00Z"
+duration = "16 h"
+particles = {n}
+seed = 5
+uncertainty = "none"
+output.every = "16 h"
+clock.step = "1 h"
+[coast]
+source = "none"
+[[current]]
+constant = {{ east = 0, north = 0 }}
+[[scenario]]
+name = "one"
+object = "water"
+position = {{ at = "{at}", error = "250 nmi" }}
+[[sortie]]
+name = "sectors"
+start = "2026-03-03T19:10Z"
+sweep_width = "20 nmi"
+law = "inverse_cube"
+frame = "ground"
+pattern = {{ kind = "sector", datum = "{at}", radius = "320 nmi", orientation = 20 }}
+speed = "280 kn"
+""")
+    (update,) = drift.run(drift.load(tmp_path / "case.toml")).summary["search"]["updates"]
+    expected = 1 - 2 ** -((320 / 250) ** 2)
+    # A circle is 36 corners, which leave out 0.2 %: a quarter of a standard error.
+    assert update["poc"]["all"] == pytest.approx(expected, abs=4 * math.sqrt(expected * (1 - expected) / n))
 
 
 @pytest.mark.parametrize("pole", [1, -1])
@@ -334,6 +425,49 @@ def test_no_north_arrow_where_north_is_no_direction_of_the_paper(latitude: float
     chart.prepare(axes, frame)
     chart.scale_bar(axes, frame, (0.015, 0.015))
     assert ("N" in [text.get_text() for text in axes.texts]) == arrow
+
+
+@pytest.mark.parametrize("pole", [1, -1])
+@pytest.mark.parametrize(
+    ("error", "kick"),  # [m/s] what an hour adds to an error of 100 years: std sqrt(2 h / time)
+    [
+        ('std = "0.3 m/s", time = "876000 h"', 0.3 * math.sqrt(2 / 876_000)),
+        ('std = "0 m/s", bias = "0.3 m/s"', 0.0),
+    ],
+    ids=["error", "bias"],
+)
+def test_a_lasting_error_of_the_current_leads_over_a_pole_along_a_great_circle(
+    tmp_path: Path, pole: int, error: str, kick: float
+) -> None:
+    """What has one error all along is as far from its start after 12, 18 and 24 hours as the first six make it."""
+    (tmp_path / "case.toml").write_text(f"""
+start = "2026-03-03T18:00Z"
+duration = "24 h"
+particles = 1000
+seed = 5
+uncertainty = {{ diffusivity = "0 m2/s", current = {{ {error} }} }}
+output.every = "6 h"
+clock.step = "1 h"
+[coast]
+source = "none"
+[[current]]
+constant = {{ east = 0, north = 0 }}
+[[scenario]]
+name = "one"
+object = "water"
+position = {{ at = "90 00{"N" if pole > 0 else "S"} 000 00E", error = "3 nmi" }}
+""")
+    tracks = next(iter(drift.run_many([drift.load(tmp_path / "case.toml")])))
+    lon, lat = np.radians(tracks.lon), np.radians(tracks.lat)
+    far = sphere.distance(lon[0], lat[0], lon, lat)
+    assert far.shape == (5, 1000)
+    assert 20_000 < np.median(far[-1]) < 40_000  # 0.3 m/s sqrt(2 ln 2) for 24 h: 30.5 km, across the pole
+    # After n hours kicks have led astray by their own size times (n^3 / 3)^1/2.
+    hours = 6 * np.arange(5)
+    walked = 3600 * kick * np.sqrt(hours**3 / 3)
+    # Of the difference between a walk and k times its first six hours; besides, 24 roundings of 5 mm, four times.
+    tolerance = 4.5 * (walked + hours / 6 * walked[1]) + 0.5
+    assert np.all(np.abs(far - np.arange(5)[:, None] * far[1]).max(axis=1) < tolerance)
 
 
 @pytest.mark.parametrize("pole", [1, -1])
