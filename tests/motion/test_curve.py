@@ -415,7 +415,7 @@ def test_what_searches_inside_steps_find_does_not_depend_on_the_step(tmp_path: P
     "step",
     [
         "10 min",
-        pytest.param("1 h", marks=pytest.mark.xfail(reason="a marker goes straight between steps", strict=True)),
+        "1 h",
     ],
 )
 def test_a_pattern_that_drifts_with_its_datum_finds_what_it_finds_on_still_water(tmp_path: Path, step: str) -> None:

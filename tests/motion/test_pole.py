@@ -286,9 +286,7 @@ pod = 0.6
     "step",
     [
         "5 min",
-        pytest.param(
-            "1 h", marks=pytest.mark.xfail(reason="a marker's lon and lat go straight in a step", strict=True)
-        ),
+        "1 h",
     ],
 )
 def test_a_pattern_drifts_with_its_datum_past_a_pole_as_past_any_point(tmp_path: Path, step: str) -> None:
