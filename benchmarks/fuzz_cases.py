@@ -10,6 +10,7 @@ python benchmarks/fuzz_cases.py [--cases 3000] [--runs 300] [--seed 0]
 import argparse
 import copy
 import random
+import sys
 import tempfile
 from dataclasses import replace
 from importlib import resources
@@ -245,9 +246,10 @@ def main() -> None:
                 watched.trial(number, name, lambda text=text: tried(text, Path(folder), given.run))
         return
     outcomes = watched.run(__file__, range(given.seed, given.seed + given.cases))
-    watched.table(outcomes)
+    bad = watched.table(outcomes)
     good = [number for number, (_, told) in outcomes.items() if told == "checked"]
-    watched.table(watched.run(__file__, good[: given.runs], ["--run"]))
+    bad |= watched.table(watched.run(__file__, good[: given.runs], ["--run"]))
+    sys.exit(bad)
 
 
 if __name__ == "__main__":

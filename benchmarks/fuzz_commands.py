@@ -13,6 +13,7 @@ import copy
 import io
 import math
 import random
+import sys
 import tempfile
 from importlib import resources
 from pathlib import Path
@@ -294,7 +295,7 @@ def main() -> None:
                 watched.trial(number, name, lambda line=line: tried(line, Path(folder)))
         return
     count = given.trials_each * len(COMMANDS)
-    watched.table(watched.run(__file__, range(given.seed, given.seed + count), told=given.told))
+    sys.exit(watched.table(watched.run(__file__, range(given.seed, given.seed + count), told=given.told)))
 
 
 if __name__ == "__main__":

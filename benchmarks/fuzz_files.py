@@ -200,9 +200,11 @@ def main() -> None:
         ("GRIB", GRIB + given.seed, given.grib),
         ("Zarr", ZARR + given.seed, given.zarr),
     )
+    bad = False
     for title, first, count in kinds:
         print(f"\n{title}")
-        watched.table(watched.run(__file__, range(first, first + count)))
+        bad |= watched.table(watched.run(__file__, range(first, first + count)))
+    sys.exit(bad)
 
 
 if __name__ == "__main__":

@@ -215,7 +215,8 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory() as name:
         results(Path(name))
-        watched.table(watched.run(__file__, range(given.seed, given.seed + given.count), ["--made", name]))
+        bad = watched.table(watched.run(__file__, range(given.seed, given.seed + given.count), ["--made", name]))
+    sys.exit(bad)
 
 
 if __name__ == "__main__":

@@ -54,7 +54,7 @@ def main() -> None:
         read_all([int(number) for number in given.trials.split(",")], given.direct)
         return
     more = ["--direct"] if given.direct else []
-    watched.table(watched.run(__file__, range(given.seed, given.seed + given.answers), more, told=True))
+    sys.exit(watched.table(watched.run(__file__, range(given.seed, given.seed + given.answers), more, told=True)))
 
 
 if __name__ == "__main__":

@@ -84,9 +84,10 @@ def run(file: str, numbers: Sequence[int], more: Sequence[str] = (), *, told: bo
     return outcomes
 
 
-def table(outcomes: Outcomes) -> None:
-    """Print how often each outcome came, those that must not be at the end."""
+def table(outcomes: Outcomes) -> bool:
+    """Print how often each outcome came, those that must not be at the end; return whether one of these came."""
     kinds = collections.Counter(told.partition(":")[0] for _, told in outcomes.values())
     print(f"\n{'outcome':36} of {len(outcomes)}")
     for kind in (*sorted(set(kinds) - set(NEVER)), *NEVER):
         print(f"{kind:36} {kinds[kind]:6}{'   (must be 0)' if kind in NEVER else ''}")
+    return any(kinds[kind] for kind in NEVER)

@@ -232,7 +232,8 @@ def _speeds(components: tuple[Component, Component], samples: list[Array]) -> ND
     """Return the speeds [m/s] where both components are, raveled; of staggered ones those of one index."""
     shape = tuple(min(a, b) for a, b in zip(samples[0].shape, samples[1].shape, strict=True))
     part = tuple(slice(0, n) for n in shape)
-    x, y = (values[part] * component.factor for values, component in zip(samples, components, strict=True))
-    speed = np.hypot(x, y)
+    with np.errstate(invalid="ignore", over="ignore"):  # damaged files hold signalling NaNs and numbers of any size
+        x, y = (values[part] * component.factor for values, component in zip(samples, components, strict=True))
+        speed = np.hypot(x, y)
     kept: NDArray[Any] = speed[np.isfinite(speed) & (speed > 0)]
     return kept if kept.size else speed[np.isfinite(speed)]

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import netCDF4
 import numpy as np
@@ -521,3 +522,13 @@ def test_what_is_filled_does_not_depend_on_the_box(tmp_path: Path) -> None:
         rows = np.searchsorted(own.lat, grid.lat[j] - 1e-6)
         columns = np.searchsorted(own.lon, grid.lon[i] - 1e-6)
         np.testing.assert_array_equal(part[np.ix_(rows, columns)], whole[np.ix_(j, i)])
+
+
+@pytest.mark.filterwarnings("error")
+def test_damaged_numbers_are_looked_at_without_a_warning() -> None:
+    """A signalling NaN, as a damaged file may hold, and a number whose product is beyond float32."""
+    x, y = np.full((2, 5), 0.3, np.float32), np.full((2, 5), 0.4, np.float32)
+    x.view(np.uint32)[1, 2] = 0x7F800001
+    y[0, 3] = 3e38
+    component = mock.Mock(factor=2.0)
+    np.testing.assert_allclose(survey._speeds((component, component), [x, y]), [1.0] * 8, rtol=1e-6)
