@@ -130,11 +130,12 @@ class Scene:
         return list(together.values())
 
     def without_noise(self) -> "Scene":
-        """Return the same scene in which nothing is left to chance, and what comes ashore stays there.
+        """Return the same scene in which nothing is left to chance, and what comes ashore stays there or slides.
 
         Nothing steers in it: that is exact at any step.
         """
-        still = self.place._replace(beach=kernel.Beach(), sinks=False, divergence=False, guided=False)
+        beach = kernel.Beach(slides=self.place.beach.slides)
+        still = self.place._replace(beach=beach, sinks=False, divergence=False, guided=False)
         motions = tuple(Motion(model, model.still(terms)) for model, terms in self.motions)
         return replace(self, motions=motions, place=still, steering=None, guided=None)
 
