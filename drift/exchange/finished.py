@@ -159,6 +159,7 @@ class Finished:
             if (
                 held.shape != (count, 2)
                 or held.dtype.kind != "f"
+                or not np.isfinite(flat).all()
                 or not (np.diff(flat[::2]) > 0).all()
                 or not flat[0] < flat[-1]
             ):

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import finished
 import fuzz_results
+import netCDF4
 import numpy as np
 import pyogrio
 import pytest
@@ -456,6 +457,22 @@ def test_what_is_wrong_in_a_result_is_told_with_its_place(run: Path, tmp_path: P
         drift.export(copy, "gpx", tmp_path / "out")
     assert words in str(refused.value)
     assert str(refused.value).startswith(f"results {copy}: {name} is damaged")
+
+
+@pytest.mark.parametrize("value", [math.inf, math.nan])
+def test_cell_edges_that_are_no_numbers_are_told(run: Path, tmp_path: Path, value: float) -> None:
+    """The first and the last, beside which no difference is taken, among them."""
+    for k in (0, -1):
+        copy = tmp_path / f"copy{k}"
+        shutil.copytree(run, copy)
+        with netCDF4.Dataset(copy / "forecast.nc", "a") as file:
+            file["lon_bnds"][k, :] = value
+        listed = manifest.read(run)
+        (copy / manifest.NAME).write_text(
+            manifest.text(manifest.of(listed.run_id, [copy / entry.name for entry in listed.files]))
+        )
+        with pytest.raises(UserError, match="lon_bnds are not cell edges; run the case again"):
+            drift.export(copy, "geotiff", tmp_path / "out")
 
 
 def test_geojson_holds_positions_and_the_areas(run: Path, forecast: xr.Dataset, tmp_path: Path) -> None:
