@@ -462,6 +462,7 @@ def test_what_is_wrong_in_a_result_is_told_with_its_place(run: Path, tmp_path: P
 @pytest.mark.parametrize("value", [math.inf, math.nan])
 def test_cell_edges_that_are_no_numbers_are_told(run: Path, tmp_path: Path, value: float) -> None:
     """The first and the last, beside which no difference is taken, among them."""
+    pytest.importorskip("rasterio")
     for k in (0, -1):
         copy = tmp_path / f"copy{k}"
         shutil.copytree(run, copy)
