@@ -66,8 +66,8 @@ def clock_of(
     start, duration, direction = period.epoch, period.duration, period.direction
     limits = {
         **{reason: longest for model, _ in scene.motions for reason, longest in model.longest(errors).items()},
-        # What lands again waits for the next step: with r this share, its wait is longer by r^2 / 6, 1 %.
-        "a quarter of the mean time on the beach": scene.place.beach.stay / 4 or np.inf,
+        # What lands again waits for the next step: with r this share, its wait is longer by r^2 / 6, 4 %.
+        "half of the mean time on the beach": scene.place.beach.stay / 2 or np.inf,
         "the interval of the forcing": min((float(np.median(np.diff(t))) for t in times), default=np.inf),
         "the time in which what feels the current under way crosses a cell of it": _crossing(scene, sources),
     }
