@@ -326,8 +326,8 @@ def test_the_evidence_says_after_what_few_are_left(tmp_path, words):
     before = f"{low[2].ess_before:,.0f}"
     # 200 that count, of 7.9 in 12,000: 303,797
     assert told[0].startswith(
-        f"only 8 of 12,000 particles count after {named} ({before} before it): areas and shares after it are rough. Check it; else "
-        "give 310,000 particles or more"
+        f"only 8 of 12,000 particles count after {named} ({before} before it): areas and shares after it are rough. Check it; otherwise "
+        "use 310,000 particles or more"
     )
 
 

@@ -29,7 +29,7 @@ def test_the_page_lists_what_ships() -> None:
     assert {one.protocol for one in shipped.values()} <= set(SHIP) == set(catalogue.PROTOCOLS)
     assert all(one.license for one in shipped.values())
     assert all(one.stamp in STAMPS for one in shipped.values())
-    stated = re.search(r"^Of means `stamp`.*?\n\n", page, re.M | re.S)
+    stated = re.search(r"^For means, `stamp`.*?\n\n", page, re.M | re.S)
     assert stated is not None
     means = {one.name for one in shipped.values() if one.stamp != "instant"}
     assert set(re.findall(r"`(\w+)`\s\(", stated[0])) == means
