@@ -13,7 +13,7 @@ METRES = sphere.RADIUS * sphere.UNIT  # [m] of a binary angle unit along a merid
 OFF = 0.5  # [m] that a sliding particle keeps off the shore, so that rounding does not put it ashore
 PIECE = 150.0  # [m] standard deviation of a walk's pieces near the shore: islets and channels of that size are met
 MOST_PIECES = 64
-SLID = 50.0  # [m] a way that slides is cut so: past a corner a piece goes on along the edge, not where the water goes
+SLID = 50.0  # [m] a way that may slide is cut into pieces of that: the rest of a piece goes on along an edge past its corner
 CORNERS = 6  # edges that a step slides along at most
 
 f32x2 = ti.types.vector(2, ti.f32)
@@ -248,7 +248,7 @@ def meet(
     bent = pieces > 1
     if ti.static(walks):
         pieces = ti.min(ti.max(ti.cast(ti.ceil(variance / (PIECE * PIECE)), ti.i32), pieces), MOST_PIECES)
-    elif ti.static(slides):
+    if ti.static(slides):
         way = f32x2(ti.cast(dlon, ti.f32) * c, ti.cast(dlat, ti.f32)).norm() * k
         pieces = ti.min(ti.max(ti.cast(ti.ceil(way * ti.f32(1.0 / SLID)), ti.i32), pieces), MOST_PIECES)
     v = variance / ti.cast(pieces, ti.f32)

@@ -98,6 +98,7 @@ class Marker:
 
 
 def _vector(lon: float, lat: float) -> Array:
+    """Return a place [rad] as a unit vector (3,)."""
     return np.array(sphere.vector(lon, lat))
 
 

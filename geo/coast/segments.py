@@ -1,8 +1,8 @@
 """The shoreline cut into stretches: of a given length, or as a user's GeoJSON names them.
 
 A stretch is a set of whole shoreline edges (geo.coast.edges.edges), which are never split. The shoreline from one
-landmark to the next is cut into equal lengths, as far as edges allow. Landmarks are chosen by the places round them alone,
-so that a coast has the same stretches in every domain: but near the domain's edge, where the coast is cut. Rings shorter
+landmark to the next is cut into equal lengths, as far as edges allow. The shore round a landmark alone decides that it
+is one, so that a coast has the same stretches in every domain, but near where the domain's edge cuts it. Rings shorter
 than half a stretch, and pieces as short that a box or a named stretch leaves of a coast, are no stretches of their own:
 all those in one square, about a stretch wide, are one segment together.
 
@@ -31,9 +31,7 @@ from geo.files import small as file
 NEAR = 2_000.0  # [m] largest distance from a named line to its shoreline
 METRES = np.pi * sphere.RADIUS / 180  # [m] in a degree of latitude
 DEGREES = 360.0 / sphere.TURN  # [deg] in a binary angle unit
-REACH = (
-    4.0  # stretches on both sides of a landmark, as far as no other lies: lengths are within an eighth of what is asked
-)
+REACH = 4.0  # [stretches] to both sides of a landmark no other lies: lengths between two are within an eighth of what is asked
 ID_LENGTH = 9  # letters of an id: its cell is 5 m wide
 UNKNOWN = ""  # kind of a shore of which the user's file says nothing
 
@@ -216,7 +214,7 @@ def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], leng
 
 
 def _chains(edge: Array, label: Array, reach: float) -> tuple[Array, Array, Array]:
-    """Return the edges in running order, the chain of each of these, and whether chains are rings.
+    """Return the edges in running order, the chain of each of these, and whether chains are rings or parts of one.
 
     A chain is a run of edges of one label, each beginning where the one before ends: from landmark to landmark (see
     `_landmarks`), so that stretches depend neither on the box nor on where a file happens to begin. The parts into
@@ -254,28 +252,27 @@ def _chains(edge: Array, label: Array, reach: float) -> tuple[Array, Array, Arra
     within = (np.arange(len(edge)) - first[chain] - turned) % count[chain]
     running = np.lexsort((within, chain))
     begins = landmark[running] | (within[running] == 0)
-    whole = closed & (np.add.reduceat(landmark, first, dtype=np.int64) == 1)
-    return order[running], np.cumsum(begins) - 1, whole[chain[begins]]
+    return order[running], np.cumsum(begins) - 1, closed[chain[begins]]
 
 
 def _lengths(edge: Array) -> Floats:
-    """Return the great circles [m] between the ends of edges."""
+    """Return the great circles [m] between the ends of edges (n, 4) [binary angle], (n,)."""
     return np.asarray(sphere.distance(*np.deg2rad(edge[:, :2] * DEGREES).T, *np.deg2rad(edge[:, 2:] * DEGREES).T))
 
 
 def _marks(edge: Array) -> Array:
-    """Return random numbers that the places where edges begin give."""
+    """Return a number for each edge (n, 4), (n,) uint64: random, but always the same for the place where it begins."""
     place = edge[:, :2].astype(np.int32).view(np.uint32).astype(np.uint64)
     return mixing.mixed(place[:, 0] << np.uint64(32) | place[:, 1])
 
 
 def _landmarks(edge: Array, first: Array, closed: Array, reach: float) -> tuple[Array, Array]:
-    """Return which edges, in running order, begin at a landmark, and the edge of each chain whose mark is the least.
+    """Return which edges begin at a landmark (n,), and the number of the edge of each chain that has the least mark (m,).
 
-    A landmark has the least mark of all points within `reach` [m]
-    along its chain to both sides, and the chain goes on as far: a larger box has the same landmarks, and more.
+    A landmark has the least mark of all points within `reach` [m] along its chain to both sides, and the chain goes on
+    as far: a larger box has the same landmarks, and more.
 
-    first: the first edge of each chain. closed: whether it is a ring.
+    edge: in running order (n, 4). first: number of the first edge of each chain (m,). closed: whether it is a ring (m,).
     """
     mark, size, found = _marks(edge), _lengths(edge), np.zeros(len(edge), bool)
     count, total = np.diff(np.append(first, len(edge))), np.add.reduceat(size, first)
@@ -287,9 +284,8 @@ def _landmarks(edge: Array, first: Array, closed: Array, reach: float) -> tuple[
         turns = np.array([-1, 0, 1] if closed[chain] else [0])
         around, marks = (total[chain] * turns[:, None] + at).ravel(), np.tile(mark[own], len(turns))
         candidates = np.flatnonzero(np.diff(at // reach, prepend=-1))
-        best = np.minimum.reduceat(
-            mark[own], candidates
-        )  # of each part as long as the reach: a landmark is one of these
+        # A landmark has the least mark of a part as long as the reach.
+        best = np.minimum.reduceat(mark[own], candidates)
         candidates = np.flatnonzero(mark[own] == np.repeat(best, np.diff(np.append(candidates, len(at)))))
         if not closed[chain]:
             candidates = candidates[(at[candidates] >= reach) & (at[candidates] <= total[chain] - reach)]

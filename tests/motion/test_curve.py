@@ -470,3 +470,20 @@ def test_the_step_is_chosen_for_what_slides_too(tmp_path: Path) -> None:
     assert np.percentile(off["auto"], 95, axis=1).max() < 40
     # At ends of an hour: its 8 km are slid in 64 pieces, and each corner leads at most one of them astray.
     assert np.percentile(off["1 h"][::4], 95, axis=1).max() < 8000 / 64
+
+
+def test_what_slides_and_walks_is_where_it_is_at_any_step(tmp_path: Path) -> None:
+    """That spit with a random walk: the mean place after each hour at steps of a minute and of an hour, other noise in each."""
+    ring = [[-39.912, 39.891], [-39.898, 39.889], [-39.897, 39.8985], [-39.904, 39.9], [-39.912, 39.891]]
+    (tmp_path / "land.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    places = []
+    for step in ("1 min", "1 h"):
+        path = written(tmp_path, step=step, coast='"land.geojson"', behaviour='behaviour = "slide"')
+        text = path.read_text().replace('every = "7 h"', 'every = "1 h"').replace("4000", "20_000")
+        walk = 'uncertainty = { current = "none", wind = "none", diffusivity = "0.5 m2/s" }'
+        path.write_text(text.replace('uncertainty = "none"', walk))
+        (ran,) = drift.run_many([drift.load(path)])
+        places.append(np.stack(sphere.offset(*np.radians([-39.9, 39.9]), np.radians(ran.lon), np.radians(ran.lat))))
+    apart = np.diff([place.mean(axis=-1) for place in places], axis=0)
+    error = np.sqrt(sum(place.var(axis=-1) for place in places) / 20_000)
+    assert np.abs(apart / error).max() < 3.5  # of 16 means

@@ -151,6 +151,14 @@ def test_names_are_positions(island):
     assert notation.position(190.0, 59.99999) == "60-00.0N 170-00.0W"
 
 
+@pytest.mark.parametrize("length", [3000.0, 11_000.0])
+def test_between_landmarks_and_up_to_the_box_lengths_are_within_an_eighth(length):
+    """A straight coast of 3,300 km that the box cuts at both ends, with edges of 110 m: no landmark lies near an end."""
+    coast = coast_of([shapely.segmentize(shapely.box(-5.0, -2.0, 35.0, 0.1), 0.00099)], Box(0.3, -0.4, 30.0, 0.5))
+    cut = segments.cut(coast, length)
+    assert np.abs(cut.length - length).max() < length / 8 + edge_lengths(coast).max()
+
+
 def test_stretches_do_not_depend_on_the_order_of_the_land():
     """Skerries of Norway, those that are taken together among them, with their polygons shuffled."""
     box = Box(5.0, 60.2, 5.6, 60.7)
