@@ -268,7 +268,9 @@ def test_washup_of_spills(spill: drift.Case, tmp_path: Path) -> None:
     assert total.error == pytest.approx(paired, rel=1e-6)
     assert total.error < 0.5 * apart  # which is what common random numbers are for
     assert sum(row.difference for row in rows) == pytest.approx(total.difference, abs=0.01)
-    assert len(rows) >= 5  # several stretches
+    for side, data in zip(("a", "b"), washup, strict=True):
+        expected = data["expected"].isel(time=-1).values
+        assert sorted(getattr(row, side) for row in rows) == pytest.approx(sorted(expected))
 
 
 def test_what_both_sides_are_given_is_told(spill: drift.Case, tmp_path: Path) -> None:
