@@ -28,6 +28,7 @@ LADDER = (3600, 1800, 1200, 900, 600, 450, 300, 240, 180, 120, 60, 30, 15)  # [s
 RUNGS = ((0, 1), (1, 5), (5, 9), (9, 13))  # rungs of the ladder that are tried together: often the first one will do
 FEWEST = 100  # least particles from which a percentile is taken
 TRIAL_SIZE = 1000  # particles whose error decides on the step: the rank of their percentile errs by 0.7 %
+SLIDES = 600  # [s] longest step of what slides: inside a step that lies on a straight line, at an hour up to 3.5 km off
 WINDOW = 86_400  # [s] over which an error is measured
 WINDOWS = 4  # most windows: those of a longer run lie apart, evenly from its begin to its end
 DAY = 86_400
@@ -68,6 +69,9 @@ def clock_of(
         **{reason: longest for model, _ in scene.motions for reason, longest in model.longest(errors).items()},
         # What lands again waits for the next step: with r this share, its wait is longer by r^2 / 6, 4 %.
         "half of the mean time on the beach": scene.place.beach.stay / 2 or np.inf,
+        "what sliding allows (inside a step what slid lies on a straight line)": SLIDES
+        if scene.place.beach.slides
+        else np.inf,
         "the interval of the forcing": min((float(np.median(np.diff(t))) for t in times), default=np.inf),
         "the time in which what feels the current under way crosses a cell of it": _crossing(scene, sources),
     }

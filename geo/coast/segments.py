@@ -32,6 +32,7 @@ NEAR = 2_000.0  # [m] largest distance from a named line to its shoreline
 METRES = np.pi * sphere.RADIUS / 180  # [m] in a degree of latitude
 DEGREES = 360.0 / sphere.TURN  # [deg] in a binary angle unit
 REACH = 4.0  # [stretches] to both sides of a landmark no other lies: lengths between two are within an eighth of what is asked
+MARGIN = 1e-6  # of a stretch, 1 cm of 10 km: far above the rounding of sums over a coast
 ID_LENGTH = 9  # letters of an id: its cell is 5 m wide
 UNKNOWN = ""  # kind of a shore of which the user's file says nothing
 
@@ -145,8 +146,9 @@ def placed(segments: Segments, text: str) -> int | None:
 
 
 def _ids(lon: Array, lat: Array) -> tuple[str, ...]:
-    """Return the ids of stretches by their midpoints [deg]."""
-    places = list(zip(sphere.wrap_degrees(np.asarray(lon)).tolist(), np.asarray(lat).tolist(), strict=True))
+    """Return the ids of stretches by their midpoints [deg], as binary angles: last bits of a sum must not change a letter."""
+    lon, lat = (np.floor(np.asarray(x) / DEGREES + 0.25) * DEGREES for x in (lon, lat))
+    places = list(zip(sphere.wrap_degrees(lon).tolist(), lat.tolist(), strict=True))
     return _unique([geohash.encode(*place, ID_LENGTH) for place in places], "{name}{number}")
 
 
@@ -164,7 +166,8 @@ def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], leng
     share = np.maximum(np.rint(total / length), 1)[chain]  # number of stretches in the edge's chain
     reached = np.cumsum(size)
     middle = reached - (reached - size)[first][chain] - size / 2
-    stretch = np.minimum(np.floor(middle / total[chain] * share), share - 1)
+    # The margin decides where an edge's middle lies on a boundary, as in equal halves: sums over the whole coast round there.
+    stretch = np.minimum(np.floor(middle / total[chain] * share + MARGIN), share - 1)
 
     # Each edge gets a key: (0, feature, 0), (1, chain, stretch) or, where its chain is short, (2, row, column) of a
     # square. Each key becomes a segment; segments are numbered in the order of their first edges.
@@ -198,18 +201,19 @@ def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], leng
     islets = np.bincount(number, (small & closed[chain])[by_segment], minlength=len(begins)) > 0
     pieces = np.bincount(number, small[by_segment], minlength=len(begins)) > 0
     prefixes = np.where(islets, "islets near ", np.where(pieces, "shore near ", ""))
+    ids = _ids(lon, lat)
     generated = [f"{prefix}{notation.position(x, y)}" for prefix, x, y in zip(prefixes, lon, lat, strict=True)][
         len(features) :
     ]
     return Segments(
-        name=_unique([*(f.name for f in features), *generated]),
+        name=_unique([*(f.name for f in features), *generated], by=[*[""] * len(features), *ids[len(features) :]]),
         length=lengths,
         lon=lon,
         lat=lat,
         of_edge=of_edge,
         lines=_lines(coast, edge[order], number),
         access=(*(f.access for f in features), *[UNKNOWN] * len(generated)),
-        id=_ids(lon, lat),
+        id=ids,
     )
 
 
@@ -334,18 +338,18 @@ def _lines(coast: Coast, edge: Array, number: Array) -> Array:
     return lines_of
 
 
-def _unique(names: list[str], again: str = "{name} ({number})") -> tuple[str, ...]:
-    """Return names with " (2)", " (3)" after repeated ones."""
+def _unique(names: list[str], again: str = "{name} ({number})", by: list[str] | None = None) -> tuple[str, ...]:
+    """Return names with " (2)", " (3)" after repeated ones, counted in the order of `by`; None: as they come."""
     used: set[str] = set()
     times: dict[str, int] = {}
-    unique = []
-    for name in names:
-        new = name
+    unique = list(names)
+    for k in range(len(names)) if by is None else sorted(range(len(names)), key=by.__getitem__):
+        name = new = names[k]
         while new in used:
             times[name] = times.get(name, 1) + 1
             new = again.format(name=name, number=times[name])
         used.add(new)
-        unique.append(new)
+        unique[k] = new
     return tuple(unique)
 
 

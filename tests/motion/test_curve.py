@@ -435,13 +435,13 @@ def test_a_pattern_that_drifts_with_its_datum_finds_what_it_finds_on_still_water
 
 @pytest.mark.parametrize("behaviour", ["strand", "slide", "refloat"])
 def test_what_a_bent_way_meets_of_the_shore_does_not_depend_on_the_step(tmp_path: Path, behaviour: str) -> None:
-    """A spit that only the bend of the way reaches: shares ashore, and where the rest is, at an hour and at a minute."""
+    """A spit that only the bend of the way reaches: shares ashore, and where the rest is, at the longest step and at a minute."""
     # An island south-east of where the way turns between 03:00 and 04:00, a kilometre off the chord of that hour.
     ring = [[-39.912, 39.891], [-39.898, 39.889], [-39.897, 39.8985], [-39.904, 39.9], [-39.912, 39.891]]
     (tmp_path / "land.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
     key = f'behaviour = "{behaviour}"' + ('\nhalf_life = "3 h"' if behaviour == "refloat" else "")
     found = {}
-    for step in ("1 h", "1 min"):
+    for step in ("10 min" if behaviour == "slide" else "1 h", "1 min"):
         result = drift.run(drift.load(written(tmp_path, step=step, coast='"land.geojson"', behaviour=key)))
         last = result.forecast.data.isel(time=-1)
         found[step] = result.summary["account"]["ashore"], float(last["mean_lon"]), float(last["mean_lat"])
@@ -454,36 +454,42 @@ def test_what_a_bent_way_meets_of_the_shore_does_not_depend_on_the_step(tmp_path
     assert lat == pytest.approx(fine_lat, abs=6e-4)
 
 
+SPIT = [[-39.912, 39.891], [-39.898, 39.889], [-39.897, 39.8985], [-39.904, 39.9], [-39.912, 39.891]]
+
+
+def slid(folder: Path, step: str, *changes: tuple[str, str]) -> tuple[np.ndarray, np.ndarray]:
+    """Return (lon, lat) [rad] (times, n) of particles that slide along SPIT."""
+    (folder / "land.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [SPIT]}))
+    path = written(folder, step=step, coast='"land.geojson"', behaviour='behaviour = "slide"')
+    for old, new in changes:
+        path.write_text(path.read_text().replace(old, new))
+    (ran,) = drift.run_many([drift.load(path)])
+    if ran.error:
+        raise ran.error
+    return np.radians(ran.lon), np.radians(ran.lat)
+
+
 def test_the_step_is_chosen_for_what_slides_too(tmp_path: Path) -> None:
-    """A spit in a tide that turns: corners passed by particles that slide along it, at steps of a minute, the chosen one and an hour."""
-    ring = [[-39.912, 39.891], [-39.898, 39.889], [-39.897, 39.8985], [-39.904, 39.9], [-39.912, 39.891]]
-    (tmp_path / "land.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
-    places = {}
-    for step in ("1 min", "auto", "1 h"):
-        path = written(tmp_path, step=step, coast='"land.geojson"', behaviour='behaviour = "slide"')
-        path.write_text(path.read_text().replace('every = "7 h"', 'every = "15 min"'))
-        (ran,) = drift.run_many([drift.load(path)])
-        places[step] = np.radians(ran.lon), np.radians(ran.lat)
-    off = {step: sphere.distance(*places["1 min"], *place) for step, place in places.items()}
-    assert (off["1 h"][14] > 500).mean() > 0.1  # inside its steps what slid is put on a chord
+    """Corners passed by particles that slide, at steps of a minute, the chosen one and the longest; a longer one is refused."""
+    often = ('every = "7 h"', 'every = "15 min"')
+    with pytest.raises(
+        drift.UserError, match=r"3600 s is longer than what sliding allows .*, 600 s: .*give at most that"
+    ):
+        slid(tmp_path, "1 h", often)
+    fine = slid(tmp_path, "1 min", often)
+    off = {step: sphere.distance(*fine, *slid(tmp_path, step, often)) for step in ("auto", "10 min")}
     # The error of a step, which is of first order where corners are passed, is twice what halving it tells: 20 m a day.
     assert np.percentile(off["auto"], 95, axis=1).max() < 40
-    # At ends of an hour: its 8 km are slid in 64 pieces, and each corner leads at most one of them astray.
-    assert np.percentile(off["1 h"][::4], 95, axis=1).max() < 8000 / 64
+    # At ends of ten minutes: their 1.4 km are slid in pieces of 50 m, and each corner leads at most one of them astray.
+    assert np.percentile(off["10 min"][::2], 95, axis=1).max() < 50
 
 
 def test_what_slides_and_walks_is_where_it_is_at_any_step(tmp_path: Path) -> None:
-    """That spit with a random walk: the mean place after each hour at steps of a minute and of an hour, other noise in each."""
-    ring = [[-39.912, 39.891], [-39.898, 39.889], [-39.897, 39.8985], [-39.904, 39.9], [-39.912, 39.891]]
-    (tmp_path / "land.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
-    places = []
-    for step in ("1 min", "1 h"):
-        path = written(tmp_path, step=step, coast='"land.geojson"', behaviour='behaviour = "slide"')
-        text = path.read_text().replace('every = "7 h"', 'every = "1 h"').replace("4000", "20_000")
-        walk = 'uncertainty = { current = "none", wind = "none", diffusivity = "0.5 m2/s" }'
-        path.write_text(text.replace('uncertainty = "none"', walk))
-        (ran,) = drift.run_many([drift.load(path)])
-        places.append(np.stack(sphere.offset(*np.radians([-39.9, 39.9]), np.radians(ran.lon), np.radians(ran.lat))))
+    """With a random walk: the mean place after each hour at steps of a minute and of ten, other noise in each."""
+    walk = 'uncertainty = { current = "none", wind = "none", diffusivity = "0.5 m2/s" }'
+    changes = ('uncertainty = "none"', walk), ('every = "7 h"', 'every = "1 h"'), ("4000", "20_000")
+    middle = np.radians([-39.9, 39.9])
+    places = [np.stack(sphere.offset(*middle, *slid(tmp_path, step, *changes))) for step in ("1 min", "10 min")]
     apart = np.diff([place.mean(axis=-1) for place in places], axis=0)
     error = np.sqrt(sum(place.var(axis=-1) for place in places) / 20_000)
     assert np.abs(apart / error).max() < 3.5  # of 16 means

@@ -159,14 +159,28 @@ def test_between_landmarks_and_up_to_the_box_lengths_are_within_an_eighth(length
     assert np.abs(cut.length - length).max() < length / 8 + edge_lengths(coast).max()
 
 
-def test_stretches_do_not_depend_on_the_order_of_the_land():
-    """Skerries of Norway, those that are taken together among them, with their polygons shuffled."""
+@pytest.mark.parametrize("length", [500.0, 10_000.0])
+def test_stretches_do_not_depend_on_the_order_of_the_land(length):
+    """Skerries of Norway, those that are taken together among them, with their polygons shuffled: ids, and names by id."""
     box = Box(5.0, 60.2, 5.6, 60.7)
     land = shore.land("gshhg", box)
     shuffled = land.polygons[np.random.default_rng(1).permutation(len(land.polygons))]
-    one, two = (segments.cut(edges.build(Shore(polygons, "test", box), box)) for polygons in (land.polygons, shuffled))
-    assert sum("islets" in name for name in one.name) > 10
-    assert set(one.id) == set(two.id)
+    one, two = (
+        segments.cut(edges.build(Shore(polygons, "test", box=box), box), length)
+        for polygons in (land.polygons, shuffled)
+    )
+    assert sum("islets" in name for name in one.name) > 10 or length < 1000
+    assert dict(zip(one.id, one.name, strict=True)) == dict(zip(two.id, two.name, strict=True))
+
+
+def test_equal_edges_are_shared_out_the_same_beside_another_island():
+    """A square of long edges that were halved: where an edge's middle lies on a boundary, last bits decided."""
+    west, south, side = 11.06, 45.04, 0.31
+    square = shapely.box(west, south, west + side, south + side)
+    triangle = shapely.Polygon([(6.13, 44.71), (6.50, 44.76), (6.24, 45.00)])
+    alone = segments.cut(coast_of([square], Box(9.4, 43.4, 13.2, 47.1)), 3000.0)
+    beside = segments.cut(coast_of([triangle, square], Box(5.3, 43.4, 13.2, 47.1)), 3000.0)
+    assert set(alone.id) < set(beside.id)
 
 
 @pytest.mark.parametrize("turn", [1, 17, 60])
@@ -216,7 +230,8 @@ def test_equal_names_are_told_apart():
     built = coast_of(blocks, Box(0, 0, 2, 2))
     cut = segments.cut(built, 20)
     check(built, cut)
-    assert cut.name[1] == f"{cut.name[0]} (2)"
+    names = [cut.name[k] for k in np.argsort(cut.id)]  # counted in the order of ids
+    assert names[:3] == [names[0], f"{names[0]} (2)", f"{names[0]} (3)"]
 
 
 def test_no_coast(tmp_path):
