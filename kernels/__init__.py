@@ -8,6 +8,7 @@ launch   arguments in groups; a kernel with its arguments set once
 batch    the slots that one launch works on
 bundle   particles that a kernel moves side by side
 noise    counter-based random numbers: f(seed, stream, slot, step)
+angles, doubles  sine, arc tangent and the like in float32 and float64, the same on every backend
 sphere   the exponential map on binary angles
 prior    draw initial positions in water
 sample   current, wind and Stokes drift at a point, from regular tiles

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels import jumps, listen, sphere
+from kernels import angles, jumps, listen, sphere
 from kernels.stations import BESIDE, Sonar, Swarm, Tables
 
 NARROW = 0.06  # longest part of a stretch of way, as a share of its least range: 3.4 degrees of bearing
@@ -95,7 +95,7 @@ def _missed(
                             parts = ti.max(ti.cast(ti.ceil(ti.sqrt(dd) / part), ti.i32), 1)
                             for k in range(parts):
                                 way = a + (k + 0.5) / parts * d
-                                bearing = ti.atan2(way[0], way[1])
+                                bearing = angles.atan2(way[0], way[1])
                                 over = source + _without_gain(
                                     sonar, losses, noise, which, weight, t, way.norm(), bearing
                                 )  # fmt: skip

@@ -15,7 +15,7 @@ from typing import Any
 
 import taichi as ti
 
-from kernels import launch, noise
+from kernels import doubles, launch, noise
 from kernels.coast import Coast, DeviceCoast, is_wet, open_sea
 from kernels.follower import (
     ACTING,
@@ -35,6 +35,7 @@ from kernels.follower import (
     copied,
     f64x3,
     frame,
+    headed,
     keep_off,
     turned,
     unit,
@@ -102,9 +103,11 @@ def cut(
     )
     s = vector(sweeps.sweep_place, e)
     east, north = frame(s)
-    ahead = north * ti.cos(bearing) + east * ti.sin(bearing)
-    aside = east * ti.cos(bearing) - north * ti.sin(bearing)
-    sine, cosine, all_round = ti.sin(half), ti.cos(half), half > ti.f64(3.14159265)
+    bearing_sine, bearing_cosine = doubles.sincos(bearing)
+    ahead = north * bearing_cosine + east * bearing_sine
+    aside = east * bearing_cosine - north * bearing_sine
+    sine, cosine = doubles.sincos(half)
+    all_round = half > ti.f64(3.14159265)
     near, far = chord(sweeps.sweep_near[e]), chord(sweeps.sweep_far[e])
     left, nearest = 0, ti.f64(4.0)
     whole, total, rate = ti.f64(0.0), ti.f64(0.0), ti.f64(0.0)
@@ -151,7 +154,7 @@ def cut(
 @ti.func
 def chord(angle: ti.f64) -> ti.f64:
     """Return the chord of an arc [rad] of the unit sphere."""
-    return ti.sin(angle * 0.5) * 2.0
+    return doubles.sin(angle * 0.5) * 2.0
 
 
 @ti.func
@@ -200,7 +203,7 @@ def drawn_anew(
                 place = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1 + tried)
             distance = sweeps.sweep_near[e] + unit(place[0]) * (sweeps.sweep_far[e] - sweeps.sweep_near[e])
             way = bearing + (2.0 * unit(place[1]) - 1.0) * sweeps.sweep_half[e]
-            p = s * ti.cos(distance) + (north * ti.cos(way) + east * ti.sin(way)) * ti.sin(distance)
+            p, _onward = along(s, headed(north, east, way), distance)
             wet = 1
             if ti.static(coastal):
                 lon, lat = binary(p)
@@ -208,13 +211,13 @@ def drawn_anew(
             tried += 1
         own_east, own_north = frame(p)
         course, rate = unit(a[2]) * ti.f64(6.283185307179586), unit(a[3]) * high
-        u = own_north * ti.cos(course) + own_east * ti.sin(course)
+        u = headed(own_north, own_east, course)
         apart = p - old
-        gone = 2.0 * ti.asin(ti.min(0.5 * ti.sqrt(apart.dot(apart)), ti.f64(1.0)))
+        gone = 2.0 * doubles.asin(ti.min(0.5 * ti.sqrt(apart.dot(apart)), ti.f64(1.0)))
         need = gone / elapsed
         if by_course and unit(b[0]) < 0.5:
             rate = ti.min(need, high)
-            u = (p * ti.cos(gone) - old).normalized(ti.f64(1e-15))
+            u = (p * doubles.cos(gone) - old).normalized(ti.f64(1e-15))
         weight = mean
         if by_place:
             weight = ti.max(need - low if need < pace else high - need, least)

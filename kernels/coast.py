@@ -277,10 +277,12 @@ def _crossings(
 @ti.kernel
 def _meets(lon: Ints, lat: Ints, dlon: Ints, dlat: Ints, fraction: Reals, coast: Coast):
     for i in range(lon.shape[0]):
+        met = ti.f32(ti.math.inf)
         if not is_clear(lon[i], lat[i], ti.max(abs(dlon[i]), abs(dlat[i])), coast):
             at, _ = _first(lon[i], lat[i], ti.cast(dlon[i], ti.i64), ti.cast(dlat[i], ti.i64), coast)
             if at != NEVER:
-                fraction[i] = ti.cast(at, ti.f32) * ti.cast(1.0 / ONE, ti.f32)
+                met = ti.cast(at, ti.f32) * ti.cast(1.0 / ONE, ti.f32)
+        fraction[i] = met  # of every step: a card brings back the whole array, and took none of it
 
 
 class Crossings(NamedTuple):

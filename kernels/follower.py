@@ -6,7 +6,7 @@ and speed, seeks a tracker or hides from it. One that comes to the shore takes a
 
 import taichi as ti
 
-from kernels import noise
+from kernels import doubles, noise
 from kernels.coast import clearance, first_crossing
 
 Doubles = ti.types.ndarray(dtype=ti.f64, ndim=1)
@@ -113,7 +113,8 @@ def along(p: f64x3, u: f64x3, angle: ti.f64):
     """Return (place, tangent) after a way of any angle [rad], as `turned` does: nobody may have looked for days."""
     q, v = turned(p, u, angle)
     if angle > 2 * FAR:
-        q, v = p * ti.cos(angle) + u * ti.sin(angle), u * ti.cos(angle) - p * ti.sin(angle)
+        s, c = doubles.sincos(angle)
+        q, v = p * c + u * s, u * c - p * s
     return q, v
 
 
@@ -150,6 +151,13 @@ def copied(cloud: ti.template(), i: ti.i32, to: ti.i32):
 
 
 @ti.func
+def headed(north: f64x3, east: f64x3, course: ti.f64) -> f64x3:
+    """Return the unit tangent of a course [rad]; north, east: the unit tangents at the place."""
+    s, c = doubles.sincos(course)
+    return north * c + east * s
+
+
+@ti.func
 def tracker_at(legs: ti.template(), first: ti.i32, last: ti.i32, time: ti.f64):
     """Return (place, tangent, rate) of a tracker at a time [s]."""
     leg = first
@@ -157,7 +165,7 @@ def tracker_at(legs: ti.template(), first: ti.i32, last: ti.i32, time: ti.f64):
         leg += 1
     p, u = vector(legs.leg_place, leg), vector(legs.leg_way, leg)
     angle = legs.leg_rate[leg] * ti.max(time - legs.leg_time[leg], ti.f64(0.0))
-    c, s = ti.cos(angle), ti.sin(angle)
+    s, c = doubles.sincos(angle)
     return p * c + u * s, u * c - p * s, legs.leg_rate[leg]
 
 
@@ -183,12 +191,12 @@ def act(
     if mode == ACTING:
         if cloud.own_mode[i] == ACTING and choice < rules.rule_change[law]:
             course = unit(drawn[1]) * ti.f64(6.283185307179586)
-            u = north * ti.cos(course) + east * ti.sin(course)
+            u = headed(north, east, course)
             cloud.own_rate[i] = unit(drawn[2]) * rules.rule_fastest[law]
     else:
         s, v, rate = tracker_at(legs, first, last, time)
         e, n = s.dot(east), s.dot(north)
-        course = ti.atan2(e, n)
+        course = doubles.atan2(e, n)
         if mode == HIDING:
             course += ti.f64(3.141592653589793) + (2.0 * unit(drawn[1]) - 1.0) * rules.rule_spread[law]
         else:
@@ -197,8 +205,8 @@ def act(
             lead = rate * v.dot(right) / ti.max(cloud.own_rate[i], ti.f64(1e-12))
             recedes = rate * v.dot((s * p.dot(s) - p).normalized(ti.f64(1e-15)))
             if ti.abs(lead) < 1.0 and cloud.own_rate[i] * ti.sqrt(ti.max(1.0 - lead * lead, ti.f64(0.0))) > recedes:
-                course += ti.asin(lead)
-        u = north * ti.cos(course) + east * ti.sin(course)
+                course += doubles.asin(lead)
+        u = headed(north, east, course)
     cloud.own_mode[i] = mode
     anchor(cloud, i, p, u, time)
     cloud.own_due[i] = (
@@ -209,8 +217,8 @@ def act(
 @ti.func
 def binary(p: f64x3):
     """Return (lon, lat) [binary angle] of a unit vector."""
-    lon = ti.atan2(p[1], p[0]) * ti.f64(1 / UNIT)
-    lat = ti.atan2(p[2], ti.sqrt(p[0] * p[0] + p[1] * p[1])) * ti.f64(1 / UNIT)
+    lon = doubles.atan2(p[1], p[0]) * ti.f64(1 / UNIT)
+    lat = doubles.atan2(p[2], ti.sqrt(p[0] * p[0] + p[1] * p[1])) * ti.f64(1 / UNIT)
     return ti.cast(ti.cast(ti.round(lon), ti.i64), ti.i32), ti.cast(ti.round(lat), ti.i32)
 
 
@@ -218,7 +226,9 @@ def binary(p: f64x3):
 def on_sphere(lon: ti.i32, lat: ti.i32) -> f64x3:
     """Return the unit vector of a place [binary angle]."""
     x, y = ti.cast(lon, ti.f64) * ti.f64(UNIT), ti.cast(lat, ti.f64) * ti.f64(UNIT)
-    return f64x3(ti.cos(y) * ti.cos(x), ti.cos(y) * ti.sin(x), ti.sin(y))
+    lon_sine, lon_cosine = doubles.sincos(x)
+    lat_sine, lat_cosine = doubles.sincos(y)
+    return f64x3(lat_cosine * lon_cosine, lat_cosine * lon_sine, lat_sine)
 
 
 @ti.func
@@ -261,7 +271,7 @@ def keep_off(
                 drawn = words(seed0, seed1, noise.STREAM_ACT, run, cloud.own_serial[i], cloud.own_acts[i])
                 course = unit(drawn[1]) * ti.f64(6.283185307179586)
                 east, north = frame(stop)
-                onward = north * ti.cos(course) + east * ti.sin(course)
+                onward = headed(north, east, course)
                 if turns > TURNS:
                     onward = back
                 if turns > TURNS + 1 or onward.norm() < 0.5:

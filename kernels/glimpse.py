@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels import batch, life, listen
+from kernels import angles, batch, life, listen
 from kernels.batch import Batch
 from kernels.coast import Ints, Reals
 from kernels.curve import Straight
@@ -83,7 +83,7 @@ def pod(kind: ti.template(), ear: Ear, pods: ti.template(), at: f32x2) -> ti.f32
         ring = (at.norm() - ear.nearest) / ear.between
         if ring <= ear.rings - 1.0:
             ring = ti.max(ring, 0.0)
-            bearing, k = ti.atan2(at[0], at[1]), ti.min(ti.cast(ring, ti.i32), ear.rings - 2)
+            bearing, k = angles.atan2(at[0], at[1]), ti.min(ti.cast(ring, ti.i32), ear.rings - 2)
             low = listen.round_table(pods, ear.rays, ear.rings, k, bearing)
             high = listen.round_table(pods, ear.rays, ear.rings, k + 1, bearing)
             found = low + (ring - k) * (high - low)

@@ -9,7 +9,7 @@ All phases of all scenarios lie in one `Plan`. Times are whole seconds after the
 
 import taichi as ti
 
-from kernels import noise, sphere, spreads
+from kernels import angles, noise, sphere, spreads
 from kernels.coast import Ints, Reals, is_wet
 from kernels.prior import inside_ring
 
@@ -228,11 +228,12 @@ def place(
             along, across = major * (2 * noise.uniform(words[0]) - 1), minor * (2 * noise.uniform(words[1]) - 1)
         elif kind == DISC:
             r, t = major * ti.sqrt(noise.uniform(words[0])), 6.283185307179586 * noise.uniform(words[1])
-            along, across = r * ti.cos(t), r * ti.sin(t)
+            s, c = angles.sincos(t)
+            along, across = r * c, r * s
         else:
             g = noise.normals(words[0], words[1])
             along, across = major * g[0], minor * g[1]
-        s, c = ti.sin(turn), ti.cos(turn)
+        s, c = angles.sincos(turn)
         east = along * s + across * c + plan.point_laws[at + 4] * before[0] + plan.point_laws[at + 5] * before[1]
         north = along * c - across * s + plan.point_laws[at + 6] * before[0] + plan.point_laws[at + 7] * before[1]
         x, y = sphere.exponential(x, y, east, north)
@@ -421,7 +422,7 @@ def _reaction(plan: ti.template(), t: Target, row: ti.i32, uniform: ti.f32) -> t
     x, y, pace = tracker_at(plan, plan.phases[t.phase * PHASE + 4], plan.phases[t.phase * PHASE + 5], t.time)
     dlon, dlat = set_at(t, t.time)
     sight = sphere.offset(t.lon + dlon, t.lat + dlat, x, y)
-    course = ti.atan2(sight[0], sight[1])
+    course = angles.atan2(sight[0], sight[1])
     if t.leg == HIDING:
         course += 3.141592653589793 + (2.0 * uniform - 1.0) * plan.behaviours[row + 6]
     else:
@@ -431,7 +432,7 @@ def _reaction(plan: ti.template(), t: Target, row: ti.i32, uniform: ti.f32) -> t
         lead = (pace[1] * back[0] - pace[0] * back[1]) / ti.max(far * t.speed, 1e-6)
         recedes = -(pace[0] * back[0] + pace[1] * back[1]) / ti.max(far, 1e-6)
         if ti.abs(lead) < 1.0 and t.speed * ti.sqrt(ti.max(1.0 - lead * lead, 0.0)) > recedes:
-            course += ti.asin(lead)
+            course += angles.asin(lead)
     return course
 
 
@@ -486,13 +487,13 @@ def _loiter(plan: ti.template(), key: Chance, target: Target):
         edge = sphere.offset(
             plan.vertices[2 * a], plan.vertices[2 * a + 1], plan.vertices[2 * b], plan.vertices[2 * b + 1]
         )
-        t.course = 2.0 * ti.atan2(edge[0], edge[1]) - t.course
+        t.course = 2.0 * angles.atan2(edge[0], edge[1]) - t.course
     length = spreads.waiting(plan.phase_laws[first + 13], noise.uniform(w[1]))
     length = ti.min(length, t.speed * ti.cast(t.phase_end - t.time, ti.f32))
-    s, c = ti.sin(t.course), ti.cos(t.course)
+    s, c = angles.sincos(t.course)
     # Great circles are straight in the gnomonic plane of the target, where the tangent of an arc is its length.
     hit, crossed = -1, 0
-    reach = ti.tan(ti.min(length * ti.f32(1.0 / sphere.RADIUS), 1.5))
+    reach = angles.tan(ti.min(length * ti.f32(1.0 / sphere.RADIUS), 1.5))
     before = f32x2(0.0)
     for k in range(many + 1):  # the last vertex comes first
         q = _gnomonic(plan, t.lon, t.lat, vertex + ti.select(k > 0, k - 1, many - 1))
@@ -510,7 +511,7 @@ def _loiter(plan: ti.template(), key: Chance, target: Target):
         t.leg = 1
         if hit >= 0:
             t.leg = 2 + hit
-            length = ti.max(ti.atan2(reach, 1.0) * ti.f32(sphere.RADIUS) - INWARD, 0.0)
+            length = ti.max(angles.atan2(reach, 1.0) * ti.f32(sphere.RADIUS) - INWARD, 0.0)
         t.to_lon, t.to_lat = sphere.exponential(t.lon, t.lat, length * s, length * c)
         t.to_time = t.time + ti.max(ti.cast(ti.round(length / t.speed), ti.i32), 1)
     else:
@@ -525,5 +526,5 @@ def _gnomonic(plan: ti.template(), lon: ti.i32, lat: ti.i32, vertex: ti.i32) -> 
     far = ti.sqrt(way[0] * way[0] + way[1] * way[1])
     scale = ti.f32(1.0 / sphere.RADIUS)
     if far > 1.0:
-        scale = ti.tan(ti.min(far * ti.f32(1.0 / sphere.RADIUS), 1.5)) / far
+        scale = angles.tan(ti.min(far * ti.f32(1.0 / sphere.RADIUS), 1.5)) / far
     return way * scale

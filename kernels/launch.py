@@ -2,8 +2,7 @@
 
 Taichi looks at all arguments anew at every launch, which takes longer than a step of some thousand particles.
 
-This module relies on how Taichi 1.7.4 works inside (kernel_impl.Kernel.launch_kernel). On any backend but the CPU it
-launches as Taichi does.
+This module relies on how Taichi 1.7.4 works inside (kernel_impl.Kernel.launch_kernel).
 """
 
 from collections.abc import Callable
@@ -62,17 +61,6 @@ def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
     `ti.Ndarray`s, and stay alive as long as the function does, alone or in a `pack`; a structure comes as a dict.
     """
     primal = kernel._primal
-    names = [argument.name for argument in primal.arguments]
-    if runtime.backend() != "cpu":
-        places = [names.index(name) for name in changing]
-        own = _structured(primal, args)
-
-        def launch(*values: int) -> None:
-            for place, value in zip(places, values, strict=True):
-                own[place] = value
-            kernel(*own)
-
-        return launch
     program = impl.get_runtime().prog
     each = zip(primal.arguments, args, strict=True)
     key = (primal, *(value for argument, value in each if isinstance(argument.annotation, template)))
@@ -80,23 +68,32 @@ def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
         compiled = primal.compiled_kernels[primal.ensure_compiled(*_structured(primal, args))]
         _known[key] = compiled, program.compile_kernel(program.config(), program.get_device_caps(), compiled)
     compiled, code = _known[key]
-    context = compiled.make_launch_context()
     real = [(a, v) for a, v in zip(primal.arguments, args, strict=True) if not isinstance(a.annotation, template)]
     arrays, packed = [], []
     for place, (argument, value) in enumerate(real):
         if isinstance(argument.annotation, ndarray_type.NdarrayType):
             arrays.append(((place,), value.arr))
         elif isinstance(argument.annotation, ArgPackType):
-            context.set_arg_argpack((place,), value._ArgPack__argpack)
             members = zip(argument.annotation.members.values(), value._members, strict=True)
             packed += [own.arr for kind, own in members if isinstance(kind, ndarray_type.NdarrayType)]
-        else:
-            _set(context, place, argument.annotation, value)
     # Taichi puts the arrays of groups after all else.
     arrays += [((len(real) + k,), array) for k, array in enumerate(packed)]
     slots = [(next(k for k, (a, _) in enumerate(real) if a.name == name),) for name in changing]
 
+    def fresh() -> Any:
+        context = compiled.make_launch_context()
+        for place, (argument, value) in enumerate(real):
+            if isinstance(argument.annotation, ArgPackType):
+                context.set_arg_argpack((place,), value._ArgPack__argpack)
+            elif not isinstance(argument.annotation, ndarray_type.NdarrayType):
+                _set(context, place, argument.annotation, value)
+        return context
+
+    # A launch on CUDA frees a buffer of the context, and leaves its address there: such a context serves once.
+    lasting = None if runtime.backend() == "cuda" else fresh()
+
     def launch_bound(*values: int, kept: tuple = args) -> None:
+        context = lasting or fresh()
         for slot, array in arrays:  # set anew each time: a launch turns arrays into addresses
             context.set_arg_ndarray(slot, array)
         for slot, value in zip(slots, values, strict=True):

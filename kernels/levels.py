@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from kernels import doubles
 from kernels.follower import at, f64x3, turned, vector
 
 SAME = 1e-9  # [rad] within which particles are at one place: 6 mm
@@ -31,7 +32,7 @@ def level(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64, mean:
         picked += cloud.own_weight[i]
         together += cloud.own_weight[i] * at_one(cloud, base, count, vector(cloud.own_scratch, i))
     effective = total * picked / together
-    reach = ti.f64(2.4 * 2.4) * squared / total * ti.f64(0.5) * ti.pow(effective, ti.f64(-1 / 3))
+    reach = ti.f64(2.4 * 2.4) * squared / total * ti.f64(0.5) * doubles.inverse_cube_root(effective)
     there = density(cloud, base, count, target, -1, reach)
     denser = ti.f64(0.0)
     for pick in range(picks):

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels import batch, life, noise, shore, sphere, touch
+from kernels import angles, batch, life, noise, shore, sphere, touch
 from kernels.batch import Batch
 from kernels.coast import Ints, Reals
 from kernels.itinerary import Chance
@@ -78,7 +78,7 @@ def _place(kind: ti.template(), sensor: ti.template(), lon: ti.i32, lat: ti.i32)
     if ti.static(kind == LINE):
         arc = ti.sqrt(way[0] * way[0] + way[1] * way[1]) * ti.f32(1.0 / sphere.RADIUS)
         if arc > 1e-4:
-            way *= ti.tan(ti.min(arc, 1.5)) / arc
+            way *= angles.tan(ti.min(arc, 1.5)) / arc
     c, s = sensor.turn_cos, sensor.turn_sin
     return f32x2(way[0] * c - way[1] * s, way[0] * s + way[1] * c)
 

@@ -8,7 +8,7 @@ first, last: the slots, from the first to before the last; number: of the first 
 
 import taichi as ti
 
-from kernels import noise, sphere
+from kernels import angles, noise, sphere
 from kernels.coast import Coast, Ints, Reals, is_wet
 
 TRIES = 4096  # a prior with less than 1 % of water still fails with probability 1e-18 only
@@ -26,7 +26,7 @@ def _wrapped_normal(lon: ti.i32, lat: ti.i32, n: f32x2, major: ti.f32, minor: ti
     orientation: of the major axis, clockwise from north [rad].
     """
     along, across = major * n[0], minor * n[1]
-    s, c = ti.sin(orientation), ti.cos(orientation)
+    s, c = angles.sincos(orientation)
     return sphere.exponential(lon, lat, along * s + across * c, along * c - across * s)
 
 
@@ -67,7 +67,8 @@ def draw_position(
             if farthest > 0.0:
                 length = nearest + (farthest - nearest) * noise.uniform(w[2])
                 angle = bearing + sector * noise.uniform(w[3])
-                x, y = sphere.exponential(x, y, length * ti.sin(angle), length * ti.cos(angle))
+                s, c = angles.sincos(angle)
+                x, y = sphere.exponential(x, y, length * s, length * c)
             k += 1
             found = 1
             if ti.static(coastal):
@@ -129,7 +130,7 @@ def draw_area(
     the candidates inside the polygon, tries[1] the slots that found no water.
     """
     for i in range(first, last):
-        found = 0
+        found, inside = 0, 0  # counted here, and added once: particles leave this loop at different times
         k = 0
         while found == 0 and k < 16 * TRIES:
             w = noise.words(seed0, seed1, noise.STREAM_PRIOR, number + i - first, k)
@@ -141,11 +142,12 @@ def draw_area(
                 noise.uniform(w[2]) * broadest < sphere.cos_lat(y)
                 and inside_ring(x, y, west, vertices, 0, vertices.shape[0] // 2) == 1
             ):
-                tries[0] += 1
+                inside += 1
                 found = 1
                 if ti.static(coastal):
                     found = is_wet(x, y, coast)
                 lon[i], lat[i] = x, y
+        tries[0] += inside
         tries[1] += 1 - found
 
 
@@ -203,7 +205,7 @@ def draw_trackline(
             if low > 0:
                 begin = ends[low - 1]
             along = lengths[low] * (share - begin) / ti.max(ends[low] - begin, 1e-12)
-            s, c = ti.sin(courses[low]), ti.cos(courses[low])
+            s, c = angles.sincos(courses[low])
             x, y = sphere.exponential(points[2 * low], points[2 * low + 1], along * s, along * c)
             off = cross_track * noise.normals(w[2], w[3])[0]
             x, y = sphere.exponential(x, y, off * c, -off * s)

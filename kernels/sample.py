@@ -133,7 +133,7 @@ def members_of(columns: Mapping[str, Any], tiles: "Tiles") -> Any:
 
 @ti.kernel
 def _place(nodes: Nodes, values: ti.types.ndarray(dtype=ti.f32, ndim=1), first: ti.i32, later: ti.i32, shift: ti.i32):
-    for i in range(values.shape[0] // 2):
+    for i in range(values.shape[0] >> 1):  # `//` in the bound of a loop does not compile for Vulkan
         node = nodes[first + i]
         if shift == 1:
             node[0], node[1] = node[2], node[3]

@@ -6,6 +6,8 @@ pole; increments are formed without cancellation, so that 10 km is right to 0.05
 
 import taichi as ti
 
+from kernels import angles
+
 RADIUS = 6_371_008.8  # [m] as geo.sphere.RADIUS
 UNIT = 6.283185307179586 / 4294967296.0  # [rad] one binary angle unit
 QUARTER = 1 << 30  # binary angle of 90 degrees
@@ -48,17 +50,18 @@ def exponential(lon: ti.i32, lat: ti.i32, east: ti.f32, north: ti.f32):
     c, s = cos_lat(lat), sin_lat(lat)
     length = ti.sqrt(east * east + north * north)
     arc = length / ti.f32(RADIUS)
+    sine, z = angles.sincos(arc)
     ratio = ti.f32(1.0 / RADIUS)
     if arc > 1e-4:
-        ratio = ti.sin(arc) / length
-    x, y, z = east * ratio, north * ratio, ti.cos(arc)
+        ratio = sine / length
+    x, y = east * ratio, north * ratio
     up = z * c - y * s
     across = ti.sqrt(x * x + up * up)
     q = across - up
     if up > 0:
         q = x * x / (across + up)
-    dlat = ti.atan2(y - q * s, across * c + (z * s + y * c) * s)
-    dlon = ti.atan2(x, up)
+    dlat = angles.atan2(y - q * s, across * c + (z * s + y * c) * s)
+    dlon = angles.atan2(x, up)
     # Half a turn is 2**31: it must wrap, not saturate, hence the 64-bit step.
     turned = ti.cast(ti.cast(ti.round(dlon / ti.f32(UNIT)), ti.i64), ti.i32)
     tilted = ti.cast(ti.round(dlat / ti.f32(UNIT)), ti.i32)
@@ -76,7 +79,7 @@ def offset(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.types
     c, s, to_c = cos_lat(lat), sin_lat(lat), cos_lat(to_lat)
     half_lon, half_lat = _sine(0.5 * dlon), _sine(0.5 * dlat)
     squared = half_lat * half_lat + c * to_c * half_lon * half_lon
-    arc = 2.0 * ti.atan2(ti.sqrt(squared), ti.sqrt(ti.max(1.0 - squared, 0.0)))
+    arc = 2.0 * angles.atan2(ti.sqrt(squared), ti.sqrt(ti.max(1.0 - squared, 0.0)))
     x = to_c * 2.0 * half_lon * ti.sqrt(ti.max(1.0 - half_lon * half_lon, 0.0))
     y = 2.0 * half_lat * ti.sqrt(ti.max(1.0 - half_lat * half_lat, 0.0)) + s * to_c * 2.0 * half_lon * half_lon
     sine = ti.sqrt(x * x + y * y)
@@ -106,7 +109,8 @@ def meridian(lon: ti.i32, lat: ti.i32) -> ti.types.vector(2, ti.f32):
     Vectors near a pole that are `carried_back` by it share one frame: that of the plane tangent at the pole.
     """
     angle = ti.cast(lon, ti.f32) * ti.f32(UNIT)
-    return ti.Vector([ti.cos(angle), ti.sin(angle) * (1.0 if lat >= 0 else -1.0)])
+    s, c = angles.sincos(angle)
+    return ti.Vector([c, s if lat >= 0 else -s])
 
 
 @ti.func

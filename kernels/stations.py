@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels import jumps, listen, sphere
+from kernels import angles, jumps, listen, sphere
 
 BESIDE = 3  # places whose losses are weighted
 
@@ -44,7 +44,7 @@ def _excess(
     found = -ti.math.inf
     if ring <= sonar.rings - 1.0:
         ring = ti.max(ring, 0.0)
-        bearing = ti.atan2(way[0], way[1])
+        bearing = angles.atan2(way[0], way[1])
         k = ti.min(ti.cast(ring, ti.i32), sonar.rings - 2)
         lost = 0.0
         for j in range(BESIDE):

@@ -13,7 +13,7 @@ from typing import Any
 
 import taichi as ti
 
-from kernels import batch, itinerary, launch, life, noise, runtime, sphere, spreads, ways
+from kernels import angles, batch, itinerary, launch, life, noise, runtime, sphere, spreads, ways
 from kernels.batch import Batch
 from kernels.coast import Coast, DeviceCoast, Ints, Reals, first_crossing, is_wet, open_sea
 from kernels.itinerary import (
@@ -347,7 +347,8 @@ def _inside(
 @ti.func
 def velocity(plan: ti.template(), target: Target) -> f32x2:
     """Return (east, north) [m/s] with which a target goes by its reckoning: on its course, or to its way point in time."""
-    found = target.speed * f32x2(ti.sin(target.course), ti.cos(target.course))
+    s, c = angles.sincos(target.course)
+    found = target.speed * f32x2(s, c)
     if not on_course(plan, target.phase):
         way = sphere.offset(target.lon, target.lat, target.to_lon, target.to_lat)
         found = way / ti.max(ti.cast(target.to_time - target.time, ti.f32), 1.0)

@@ -159,7 +159,7 @@ def _gains(
 ):  # fmt: skip
     m, nodes, scenarios = scenario.shape[0], factor.shape[0], width.shape[0] // 2
     blocks = (m + BLOCK - 1) // BLOCK
-    for cb in range((start.shape[0] - 1) * blocks):
+    for cb in range(sums.shape[0]):
         c, block = cb // blocks, cb % blocks
         total = 0.0
         for i in range(block * BLOCK, ti.min(block * BLOCK + BLOCK, m)):
@@ -191,10 +191,12 @@ def _found(
 ):  # fmt: skip
     nodes, scenarios = factor.shape[0], width.shape[0] // 2
     for i in range(scenario.shape[0]):
+        when[i] = 0.0  # every element is written: a card brings back the whole array, and took none of it
         w, w_under_way = width[scenario[i]], width[scenarios + scenario[i]]
-        if ti.max(w, w_under_way) > 0.0:
-            h, steered, worth = 0.0, 0.0, 0.0
-            for k in range(nodes):
+        h, steered, worth = 0.0, 0.0, 0.0
+        for k in range(nodes):
+            found[i * nodes + k] = 0.0
+            if ti.max(w, w_under_way) > 0.0:
                 if ti.static(not cube) or k == 0:
                     h, steered, worth = _exposure(
                         cube, bridged, i, 0, node.shape[0] // 4, edges, time, x, y, value, turn[i], flow_x, flow_y,

@@ -11,6 +11,8 @@ or a corner of a line, or where a circle bends, `kernels.observe` cuts the piece
 
 import taichi as ti
 
+from kernels import angles
+
 REACH = 3.0  # a bridge goes farther than REACH K sqrt(dt) from its straight way with probability exp(-2 REACH^2)
 SLIGHT = 1e-7  # probability of a touch that does not count
 FLAT = 0.125  # a circle is taken for its tangent by bridges that go at most this share of its radius
@@ -97,7 +99,7 @@ def strip(before: ti.f32, after: ti.f32, width: ti.f32, variance: ti.f32) -> ti.
                 total = 0.0
                 for m in ti.static(range(1, 4)):
                     pi = 3.141592653589793 * m
-                    total += ti.sin(pi * a) * ti.sin(pi * b) * ti.exp(-0.5 * pi * pi * t)
+                    total += angles.sin(pi * a) * angles.sin(pi * b) * ti.exp(-0.5 * pi * pi * t)
                 stays = 2.0 * ti.sqrt(6.283185307179586 * t) * ti.exp(0.5 * (b - a) * (b - a) / t) * total
             stays = ti.min(ti.max(stays, 0.0), 1.0)
     return stays

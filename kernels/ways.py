@@ -8,7 +8,7 @@ from X to P, and b = a (T - t - dt) / (T - t) what is left of it. Both laws are 
 
 import taichi as ti
 
-from kernels import sphere
+from kernels import angles, sphere
 
 f32x2 = ti.types.vector(2, ti.f32)
 
@@ -24,10 +24,11 @@ def rhumb(lon: ti.i32, lat: ti.i32, course: ti.f32, distance: ti.f32):
     """
     arc = distance * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
     quarter = ti.cast(sphere.QUARTER, ti.f32) - 64.0
-    rise = ti.min(ti.max(arc * ti.cos(course), -quarter - ti.cast(lat, ti.f32)), quarter - ti.cast(lat, ti.f32))
+    s, c = angles.sincos(course)
+    rise = ti.min(ti.max(arc * c, -quarter - ti.cast(lat, ti.f32)), quarter - ti.cast(lat, ti.f32))
     end, middle = lat + ti.cast(ti.round(rise), ti.i32), lat + ti.cast(ti.round(0.5 * rise), ti.i32)
     secant = (1.0 / sphere.cos_lat(lat) + 4.0 / sphere.cos_lat(middle) + 1.0 / sphere.cos_lat(end)) * ti.f32(1.0 / 6.0)
-    east = ti.cast(ti.round(arc * ti.sin(course) * secant), ti.i64)
+    east = ti.cast(ti.round(arc * s * secant), ti.i64)
     return lon + ti.cast(east, ti.i32), end
 
 
@@ -54,7 +55,7 @@ def toward(
             b = a * (1.0 - share)
             across = 1.0 - share
             if a > SHORT:
-                across = ti.sin(b) * ti.sin(a - b) / ((a - b) * ti.sin(a))
+                across = angles.sin(b) * angles.sin(a - b) / ((a - b) * angles.sin(a))
             along = k * ti.sqrt(dt * (1.0 - share)) * normal[0]
             aside = k * ti.sqrt(dt * ti.max(across, 0.0)) * normal[1]
             ahead = f32x2(0.0, 1.0)
