@@ -270,6 +270,11 @@ def upload(values: np.ndarray) -> ti.Ndarray:
     return device
 
 
+def resident(values: np.ndarray) -> np.ndarray | ti.Ndarray:
+    """Return a host array as kernels take it that read it again and again: a card holds a copy of it."""
+    return values if _started.get("backend") == "cpu" else upload(values)
+
+
 def copy(values: Column, into: Column | None = None) -> Column:
     """Return a copy of a device array of scalars; into: an earlier one, in whose place it is made where that is as large.
 
