@@ -78,8 +78,8 @@ def tasks(told: str, text: str) -> Iterator[Cost]:
 
 
 def worst(costs: list[Cost]) -> Cost:
-    """Return the one with the least occupancy; of equals, with the most registers and stack."""
-    return min(costs, key=lambda cost: (-cost.registers, cost.occupancy, -cost.spilled, -cost.stack))
+    """Return the one with the most registers; of equals, with the most spilled."""
+    return max(costs, key=lambda cost: (cost.registers, -cost.occupancy, cost.spilled, cost.stack))
 
 
 def best(costs: list[Cost]) -> Cost:
