@@ -2,9 +2,10 @@
 
     python benchmarks/ptx.py [--keep FOLDER] [--arch 80 90]
 
-It needs no card: Taichi compiles on a stub of CUDA's driver (tests/backends/cuda_stub.c, made by a C
-compiler), and ptxas assembles. It prints a table in Markdown, with the best and the worst variant of
-each kernel: a variant is a kernel with one set of compile-time arguments (tests/oracles/variants.py).
+It needs no card: Taichi compiles on a stub of CUDA's driver (tests/backends/cuda_stub.c, made by a
+C compiler), and ptxas assembles. It prints a table in Markdown, with the best and the worst variant
+of each kernel: a variant is a kernel with one set of compile-time arguments
+(tests/oracles/variants.py).
 
 Occupancy is theoretical: the share of a multiprocessor's 64 warps that registers leave room for.
 """
@@ -69,12 +70,12 @@ def tasks(told: str, text: str) -> Iterator[Cost]:
     for part in told.split("Compiling entry function")[1:]:
         name = part.split("'")[1]
         registers = int(re.search(r"Used (\d+) registers", part)[1])
-        frames = re.search(r"(\d+) bytes cumulative stack", part) or re.search(r"(\d+) bytes stack", part)
+        stack = max(map(int, re.findall(r"(\d+) bytes (?:cumulative )?stack", part)), default=0)
         limit = re.search(rf"\.entry {re.escape(name)}\([^)]*\)\s*\.maxntid (\d+)", text)
         warps = -(-int(limit[1] if limit else THREADS) // 32)
         lot = -(-registers * 32 // UNIT) * UNIT
         blocks = min(REGISTERS // (lot * warps), BLOCKS, WARPS // warps)
-        yield Cost(blocks * warps / WARPS, registers, int(frames[1]), 0)
+        yield Cost(blocks * warps / WARPS, registers, stack, 0)
 
 
 def worst(costs: list[Cost]) -> Cost:
@@ -114,7 +115,7 @@ def main() -> None:
     """Make PTX, assemble it, print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep the PTX there")
-    parser.add_argument("--arch", type=int, nargs="+", default=[80, 90], help="compute capabilities")
+    parser.add_argument("--arch", type=int, nargs="+", default=[80, 90], help="90 for sm_90")
     options = parser.parse_args()
     if cuda_stub.why_not():
         sys.exit(cuda_stub.why_not())

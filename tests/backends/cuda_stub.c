@@ -1,11 +1,11 @@
-/* A CUDA driver without a card, for tests: Taichi 1.7.4 starts on it and compiles its kernels to PTX.
+/* A CUDA driver without a card, for tests: Taichi 1.7.4 starts on it and compiles kernels to PTX.
  *
  *   cc -shared -fPIC -o FOLDER/libcuda.so cuda_stub.c
  *   LD_LIBRARY_PATH=FOLDER CUDA_STUB_OUT=RESULTS python program.py
  *
- * Memory of the "card" is the host's, and copies are made. Kernels are not run: an array holds after
- * a launch what it held before. So what a program computes is wrong, and only how it uses the driver
- * can be seen:
+ * Memory of the "card" is the host's, and copies are made. Kernels are not run: an array holds
+ * after a launch what it held before. So what a program computes is wrong, and only how it uses the
+ * driver can be seen:
  *
  *   RESULTS/0001.ptx, 0002.ptx, ...   the PTX of each module, in the order of loading
  *   RESULTS/calls.txt                 what was asked of the driver, a line a call:
@@ -17,11 +17,11 @@
  *       fill BYTES
  *       sync                          the host waits for the card
  *
- * CUDA_STUB_CC is the compute capability of the card, 90 without it. Taichi 1.7.4 writes PTX for 8.6
- * at most, which is valid for all later cards; for 8.0 set CUDA_STUB_CC=80.
+ * CUDA_STUB_CC is the compute capability of the card, 90 without it. Taichi 1.7.4 writes PTX for
+ * 8.6 at most, which is valid for all later cards; for 8.0 set CUDA_STUB_CC=80.
  *
- * Taichi looks functions up by name, and gets a pointer to each. Functions that need no answer but
- * "done" take no arguments here: in C's calling convention of x86-64 and ARM64 that is the same call.
+ * Taichi looks functions up by name, and gets a pointer to each. Functions here leave out the last
+ * arguments, or all, where they do not use them: that is the same call on x86-64 and ARM64.
  */
 #include <stddef.h>
 #include <stdint.h>

@@ -1,7 +1,7 @@
 """Every kernel, in each of its variants, compiles for graphics cards: to PTX and to SPIR-V.
 
-Nothing is run. PTX is what Taichi makes for CUDA; here it starts on a stub of CUDA's driver, so that
-no card is needed. SPIR-V is what it makes for Vulkan, and it needs a Vulkan driver: Mesa's in
+Nothing is run. PTX is what Taichi makes for CUDA; here it starts on a stub of CUDA's driver, so
+that no card is needed. SPIR-V is what it makes for Vulkan, and it needs a Vulkan driver: Mesa's in
 software will do (`mesa-vulkan-drivers`; 25 or later where results count, not only compiling).
 """
 

@@ -119,7 +119,7 @@ def half_written(function: ast.FunctionDef, names: Names) -> list[str]:
 
 
 def surely(body: list[ast.stmt]) -> set[str]:
-    """Return the arrays that statements write whichever way they go; a loop counts as gone through."""
+    """Return the arrays that statements write whichever way they go, if loops are gone through."""
     found: set[str] = set()
     for line in body:
         found.update(stored(line))
@@ -141,7 +141,7 @@ def stored(line: ast.AST) -> Iterator[str]:
                 yield ast.unparse(one.value)
 
 
-def in_while(function: ast.FunctionDef, names: Names, counting: set[str] | None = None) -> list[str]:
+def in_while(function: ast.FunctionDef, names: Names, counting: set[str]) -> list[str]:
     """Find integer atomics in a `while` loop, in the function or in what the loop calls.
 
     Mesa 22.3 counts wrongly where particles leave such a loop at different times.
@@ -152,7 +152,7 @@ def in_while(function: ast.FunctionDef, names: Names, counting: set[str] | None 
     for loop in at_run_time(function):
         for node in ast.walk(loop) if isinstance(loop, ast.While) else []:
             called = isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1]
-            if is_atomic(node, function, names) or called in (counting or ()):
+            if is_atomic(node, function, names) or called in counting:
                 found.append(f"line {node.lineno}: {ast.unparse(node)}")
     return sorted(set(found))
 

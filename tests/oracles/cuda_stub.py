@@ -1,4 +1,4 @@
-"""A stub of CUDA's driver, compiled from tests/backends/cuda_stub.c, and the environment to use it."""
+"""A stub of CUDA's driver, made from tests/backends/cuda_stub.c, and the environment to use it."""
 
 import os
 import shutil

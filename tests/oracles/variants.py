@@ -31,6 +31,8 @@ ROUND_THE_POLE = features.POLAR | features.LAYERS | features.MEMBERS
 USUAL = features.CURRENT | features.WIND | features.ERRORS | features.JIBE | features.RK4
 USUAL |= features.DIFFUSION | features.BIAS
 YES_OR_NO = (False, True)
+FIELDS = (observe.LINE, observe.BOX, observe.IN_BOX, observe.DISC, observe.IN_DISC)
+SWEEPS = (sweep.CUBE, sweep.ABEAM, sweep.ZONES, sweep.INSIDE)
 
 # By name, and where modules differ by module and name: the values of compile-time arguments.
 VALUES: dict[str, tuple[Any, ...]] = {
@@ -49,10 +51,10 @@ VALUES: dict[str, tuple[Any, ...]] = {
     "velocity": (velocity.drift,),
     "glimpse.kind": (glimpse.ROUND, glimpse.PLACES),
     "listen_targets.kind": (glimpse.HEARD, glimpse.ROUND, glimpse.PLACES),
-    "observe.kind": (observe.LINE, observe.BOX, observe.IN_BOX, observe.DISC, observe.IN_DISC),
-    "observe_targets.kind": (observe.LINE, observe.BOX, observe.IN_BOX, observe.DISC, observe.IN_DISC),
-    "sweep.kind": (sweep.CUBE, sweep.ABEAM, sweep.ZONES, sweep.INSIDE),
-    "sweep_targets.kind": (sweep.CUBE, sweep.ABEAM, sweep.ZONES, sweep.INSIDE),
+    "observe.kind": FIELDS,
+    "observe_targets.kind": FIELDS,
+    "sweep.kind": SWEEPS,
+    "sweep_targets.kind": SWEEPS,
 }
 CYCLED = {"listed", "besides"}  # they take turns: they matter little to what else is compiled
 DERIVED = {"width", "held_of"}  # from the backend, and from `features`
@@ -78,16 +80,16 @@ def variants(name: str, kernel: Any) -> list[dict[str, Any]]:
     for own in wanted:
         found = VALUES.get(f"{module}.{own}") or VALUES.get(own)
         if found is None and own not in DERIVED:
-            raise LookupError(f"{name}: give the values of {own!r} in VALUES of {Path(__file__).name}")
+            raise LookupError(f"{name}: give the values of {own!r} in VALUES of variants.py")
         values[own] = found or (None,)
     combined = {own: each for own, each in values.items() if own not in CYCLED | DERIVED}
     cycled = {own: each for own, each in values.items() if own in CYCLED}
-    chosen = [dict(zip(combined, each, strict=True)) for each in itertools.product(*combined.values())]
-    many = max(len(chosen), *map(len, cycled.values()), 1)
-    return [
-        chosen[number % len(chosen)] | {own: each[number % len(each)] for own, each in cycled.items()}
-        for number in range(many)
-    ]
+    every = list(itertools.product(*combined.values()))
+    found = []
+    for number in range(max(len(every), *map(len, cycled.values()), 1)):
+        turn = {own: each[number % len(each)] for own, each in cycled.items()}
+        found.append(dict(zip(combined, every[number % len(every)], strict=True)) | turn)
+    return found
 
 
 def arguments(kernel: Any, chosen: dict[str, Any]) -> list[Any]:
@@ -146,7 +148,8 @@ def main() -> None:
                 path.rename(path.with_name(f"{name}.{number}.ptx"))
             words = {own: value for own, value in chosen.items() if own != "velocity"}
             seconds = round(time.perf_counter() - begin, 2)
-            print(json.dumps({"kernel": name, "variant": words, "error": error, "seconds": seconds}))
+            row = {"kernel": name, "variant": words, "error": error, "seconds": seconds}
+            print(json.dumps(row))
 
 
 if __name__ == "__main__":
