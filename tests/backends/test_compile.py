@@ -24,6 +24,7 @@ NOT_YET = {
 }
 COMMAND = [sys.executable, str(ROOT / "tests" / "oracles" / "variants.py")]
 HERE = os.pathsep.join(map(str, [ROOT, ROOT / "tests" / "oracles"]))
+PARTS = 2  # they may run side by side
 
 
 def rows(done: subprocess.CompletedProcess[str]) -> list[dict[str, Any]]:
@@ -34,11 +35,12 @@ def rows(done: subprocess.CompletedProcess[str]) -> list[dict[str, Any]]:
 
 @pytest.mark.slow
 @pytest.mark.skipif(bool(cuda_stub.why_not()), reason=cuda_stub.why_not() or "the stub can be made")
-def test_every_kernel_compiles_to_ptx(tmp_path: Path) -> None:
+@pytest.mark.parametrize("part", range(PARTS))
+def test_every_kernel_compiles_to_ptx(part: int, tmp_path: Path) -> None:
     environment = cuda_stub.environment(cuda_stub.compiled(tmp_path), tmp_path)
-    command = [*COMMAND, "cuda", "--ptx", str(tmp_path)]
+    command = [*COMMAND, "cuda", "--ptx", str(tmp_path), "--part", str(part), str(PARTS)]
     found = rows(subprocess.run(command, env=environment, capture_output=True, text=True))
-    assert {row["kernel"] for row in found} == variants.kernels().keys()
+    assert {row["kernel"] for row in found} == variants.kernels(part, PARTS).keys()
     assert not [row for row in found if row["error"]]
     for row in found:
         module, function = row["kernel"].split(".")
@@ -50,13 +52,30 @@ def test_every_kernel_compiles_to_ptx(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_every_kernel_compiles_to_spirv() -> None:
+@pytest.mark.parametrize("part", range(PARTS))
+def test_every_kernel_compiles_to_spirv(part: int) -> None:
     environment = os.environ | {"PYTHONPATH": HERE}
-    done = subprocess.run([*COMMAND, "vulkan"], env=environment, capture_output=True, text=True)
+    command = [*COMMAND, "vulkan", "--part", str(part), str(PARTS)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
     if "not available on this machine" in done.stderr:
         pytest.skip("no Vulkan on this machine: install mesa-vulkan-drivers")
     found = rows(done)
-    assert {row["kernel"] for row in found} == variants.kernels().keys()
+    assert {row["kernel"] for row in found} == variants.kernels(part, PARTS).keys()
     failed = {row["kernel"]: row["error"] for row in found if row["error"]}
     assert not {name: error for name, error in failed.items() if name not in NOT_YET}
-    assert not NOT_YET - failed.keys(), "these compile now: take them off the list in this file"
+    mended = NOT_YET & variants.kernels(part, PARTS).keys() - failed.keys()
+    assert not mended, "these compile now: take them off the list in this file"
+
+
+def test_parts_hold_every_kernel_and_each_argument_has_values() -> None:
+    every = variants.kernels()
+    parts = [variants.kernels(part, PARTS) for part in range(PARTS)]
+    assert sum(map(len, parts)) == len(every)
+    assert {name for part in parts for name in part} == every.keys()
+    assert all(variants.variants(name, kernel) for name, kernel in every.items())
+
+
+def test_an_argument_without_values_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(variants.VALUES, "polar")
+    with pytest.raises(LookupError, match=r"bridge\._between: give the values of 'polar'"):
+        variants.variants("bridge._between", variants.kernels()["bridge._between"])

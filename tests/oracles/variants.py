@@ -1,6 +1,6 @@
 """Every kernel in its variants, compiled for a backend without data.
 
-    python variants.py BACKEND [--ptx FOLDER]
+    python variants.py BACKEND [--ptx FOLDER] [--part K N]
 
 A variant is a kernel with one set of compile-time arguments (`ti.template()`). VALUES says which
 values each such argument may have. This prints a line of JSON for each variant. With --ptx it also
@@ -61,15 +61,15 @@ DERIVED = {"width", "held_of"}  # from the backend, and from `features`
 ELEMENTS = 64  # of each array
 
 
-def kernels() -> dict[str, Any]:
-    """Return every kernel, by module and name."""
+def kernels(part: int = 0, parts: int = 1) -> dict[str, Any]:
+    """Return every kernel, by module and name, or those of one of several parts."""
     found = {}
     for module in constructs.MODULES:
         for function, _ in constructs.functions(module):
             if constructs.decorated(function, "kernel"):
                 own = importlib.import_module(f"kernels.{module}")
                 found[f"{module}.{function.name}"] = getattr(own, function.name)
-    return found
+    return dict(itertools.islice(found.items(), part, None, parts))
 
 
 def variants(name: str, kernel: Any) -> list[dict[str, Any]]:
@@ -133,9 +133,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("backend", choices=runtime.BACKENDS)
     parser.add_argument("--ptx", type=Path, metavar="FOLDER")
+    parser.add_argument("--part", type=int, nargs=2, default=(0, 1), metavar=("K", "N"))
     options = parser.parse_args()
     runtime.start(options.backend)
-    for name, kernel in kernels().items():
+    for name, kernel in kernels(*options.part).items():
         for number, chosen in enumerate(variants(name, kernel)):
             there = set(options.ptx.glob("*.ptx")) if options.ptx else set()
             begin, error = time.perf_counter(), ""
