@@ -23,13 +23,16 @@ from taichi.lang.enums import Layout
 
 from geo import waiting
 from geo.errors import UserError
-from kernels import reading
+from kernels import devices, drivers, reading
+from kernels.devices import Choice, Device
 from kernels.memory import CGROUPS
 
 LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
 LEAST_SPACE = "2 to 3 GiB"  # that a small run maps, of which it uses a tenth
 NAMED = "TI_OFFLINE_CACHE_FILE_PATH"  # environment variable that tells Taichi where compiled kernels are kept
 BACKENDS = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
+AUTO = "auto"  # in place of a backend: a card where there is one and it is worth it, else the processor
+FULL = ("out of memory", "out_of_memory", "OUT_OF_DEVICE_MEMORY", "OUT_OF_HOST_MEMORY")  # in what backends say of that
 
 _started: dict[str, object] = {}
 _use = threading.RLock()  # held by the thread that uses Taichi
@@ -74,47 +77,82 @@ def _quota() -> float | None:
     return None
 
 
-def start(backend: str = "cpu", threads: int | None = None) -> None:
+def start(backend: str = "cpu", threads: int | None = None, lanes: int | None = None) -> None:
     """Start Taichi on a backend with a number of CPU threads; once started, keep it.
 
-    threads: `cores()` by default and at most.
+    backend: one of BACKENDS, or AUTO, which keeps what runs already; threads: `cores()` by default and at most; lanes:
+    how many particles, or clouds of a tracking case, are to be moved side by side, for AUTO.
 
     Raises UserError when the backend is unknown or this machine lacks it, when another one runs already, or on a
     graphics card from another thread than the one that started it.
     """
-    if backend not in BACKENDS:
-        raise UserError(f"--backend: unknown backend {backend!r}; allowed: {', '.join(BACKENDS)}")
+    if backend not in (*BACKENDS, AUTO):
+        raise UserError(f"--backend: unknown backend {backend!r}; allowed: {', '.join((*BACKENDS, AUTO))}")
     if threads is not None and threads < 1:
         raise UserError(f"--threads {threads} must be at least 1")
     with alone():
         count = min(threads or cores(), cores())
         if _started:
-            _check_same(backend, None if threads is None else count)
+            taken = str(_started["backend"]) if backend == AUTO else backend
+            _check_same(taken, None if threads is None else count)
             return
+        if backend == AUTO:
+            choice = _automatic(lanes, count)
+        else:
+            choice = Choice(None if backend == "cpu" else devices.usable(drivers.ask(backend)), "")
+            if choice.device is not None and choice.device.kind == "software":
+                LOG.warning("drift: --backend %s: %s is a software device: for tests", backend, choice.device.name)
+            _init(backend, count, choice.device)
+        taken = choice.device.backend if choice.device else "cpu"
+        told = f"--backend {AUTO} takes {taken}: {choice.why}" if backend == AUTO else ""
+        if told:
+            LOG.log(logging.WARNING if choice.missed else logging.INFO, "drift: %s", told)
+        _started.update(backend=taken, threads=count, thread=threading.get_ident(), device=choice.device)
+        _started["told"] = "" if choice.missed else told
+
+
+def _automatic(lanes: int | None, threads: int) -> Choice:
+    """Start what AUTO takes, and return it; where a card does not start that should, start the processor."""
+    choice = devices.automatic(lanes, drivers.ask)
+    if choice.device is not None:
         try:
-            with contextlib.redirect_stdout(io.StringIO()):
-                # fast_math reorders sums, so that results would depend on the compiler; it would save 3 to 10 %.
-                ti.init(
-                    arch=BACKENDS[backend],
-                    enable_fallback=False,
-                    default_fp=ti.f32,
-                    default_ip=ti.i32,
-                    fast_math=False,
-                    # The machine's compiler finds again whatever this pass finds in a kernel, and the pass takes time
-                    # in proportion to the square of the kernel's length.
-                    cfg_optimization=False,
-                    advanced_optimization=backend != "cpu",  # likewise: half of the time of compiling
-                    log_level=ti.ERROR,
-                    **_caching(),
-                    cpu_max_num_threads=count,
-                )
-                # Only the thread of ti.init may lay out the (empty) tree of fields, which otherwise happens at the
-                # first launch, in whatever thread; kernels are compiled and launched from any.
-                impl.get_runtime().materialize()
-                reading.quicken()
-        except Exception as error:
-            raise _not_started(backend, error) from error
-        _started.update(backend=backend, threads=count, thread=threading.get_ident())
+            _init(choice.device.backend, threads, choice.device)
+            return choice
+        except UserError as error:
+            why = _first_line(error.__cause__ or error)
+            choice = Choice(None, f"{choice.device.identity} does not start ({why})", missed=True)
+    _init("cpu", threads, None)
+    return choice
+
+
+def _init(backend: str, threads: int, device: Device | None) -> None:
+    """Start Taichi; raise UserError where it does not start."""
+    if backend == "vulkan" and device is not None:
+        os.environ.setdefault(devices.PICKING, str(device.number))  # Taichi may rank devices in another way
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            # fast_math reorders sums, so that results would depend on the compiler; it would save 3 to 10 %.
+            ti.init(
+                arch=BACKENDS[backend],
+                enable_fallback=False,
+                default_fp=ti.f32,
+                default_ip=ti.i32,
+                fast_math=False,
+                # The machine's compiler finds again whatever this pass finds in a kernel, and the pass takes time
+                # in proportion to the square of the kernel's length.
+                cfg_optimization=False,
+                advanced_optimization=backend != "cpu",  # likewise: half of the time of compiling
+                # A card's errors are raised, and would be printed too: what is told of them is a line.
+                log_level=ti.ERROR if backend == "cpu" else ti.CRITICAL,
+                **_caching(),
+                cpu_max_num_threads=threads,
+            )
+            # Only the thread of ti.init may lay out the (empty) tree of fields, which otherwise happens at the
+            # first launch, in whatever thread; kernels are compiled and launched from any.
+            impl.get_runtime().materialize()
+            reading.quicken()
+    except Exception as error:
+        raise _not_started(backend, error) from error
 
 
 def _caching() -> dict[str, object]:
@@ -145,7 +183,11 @@ def _caching() -> dict[str, object]:
 
 def _not_started(backend: str, error: Exception) -> UserError:
     """Return why a backend does not start; another one is suggested only for a graphics card's."""
-    why = (str(error).splitlines() or [type(error).__name__])[0]
+    why = _first_line(error)
+    if backend != "cpu" and any(words in why for words in FULL):
+        return UserError(
+            f"--backend {backend}: its card is full ({why}); end other programs on the card, or use --backend cpu"
+        )
     if "emory" in why:
         return UserError(
             f"not enough memory to start the backend {backend!r} ({why}); it needs {LEAST_SPACE} of address space: "
@@ -153,6 +195,10 @@ def _not_started(backend: str, error: Exception) -> UserError:
         )
     remedy = "reinstall taichi (pip install --force-reinstall taichi)" if backend == "cpu" else "use --backend cpu"
     return UserError(f"--backend: {backend!r} is not available on this machine ({why}); {remedy}")
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def _check_same(backend: str, threads: int | None) -> None:
@@ -177,6 +223,44 @@ def threads() -> int:
 def backend() -> str:
     """Return the name of the running backend, or "none"."""
     return str(_started.get("backend", "none"))
+
+
+def about() -> dict[str, str]:
+    """Return what files say of the running backend: its name, and its device where that is a graphics card.
+
+    The driver is part of the device: it compiles what runs.
+    """
+    device = _started.get("device")
+    return {"backend": backend()} | ({"device": device.identity} if isinstance(device, Device) else {})
+
+
+def told() -> str:
+    """Return what AUTO took and why, in a line; "" where it was not asked, or a warning has said it."""
+    return str(_started.get("told", ""))
+
+
+def room() -> int | None:
+    """Return how much of the running device's own memory is free [bytes]; None where it has the processor's, or nobody says."""
+    device = _started.get("device")
+    if not isinstance(device, Device):
+        return None
+    listed = drivers.ask(device.backend).devices
+    return next((one.room for one in listed if one.number == device.number), device.room)
+
+
+@contextlib.contextmanager
+def telling_full() -> Iterator[None]:
+    """Turn what a backend raises when its card is full into a line that says what to do (UserError)."""
+    try:
+        yield
+    except RuntimeError as error:
+        device, why = _started.get("device"), str(error)
+        if not isinstance(device, Device) or not any(words in why for words in FULL):
+            raise
+        raise UserError(
+            f"--backend {device.backend}: {device.name} is full; end other programs on it and give the same command again (a "
+            "run in shards goes on from those that are finished), cut it into more --shards, or use --backend cpu"
+        ) from error
 
 
 class Column(ti.ScalarNdarray):
