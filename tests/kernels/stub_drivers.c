@@ -15,7 +15,7 @@ static long long number(const char *name, long long otherwise) { const char *s =
 static const char *text(const char *name, const char *otherwise) { const char *s = getenv(name); return s ? s : otherwise; }
 
 /* CUDA */
-int cuInit(unsigned flags) { (void)flags; return (int)number("STUB_INIT", 0); }
+int cuInit(unsigned flags) { (void)flags; return strcmp(text("CUDA_VISIBLE_DEVICES", "0"), "") ? (int)number("STUB_INIT", 0) : 100; }
 int cuGetErrorString(int error, const char **words) { *words = error == 100 ? "no CUDA-capable device is detected" : "unknown error"; return 0; }
 int cuDeviceGetCount(int *count) { *count = (int)number("STUB_COUNT", 1); return 0; }
 int cuDriverGetVersion(int *version) { *version = (int)number("STUB_VERSION", 12040); return 0; }
