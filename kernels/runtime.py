@@ -4,28 +4,25 @@
 """
 
 import contextlib
-import ctypes
 import io
 import logging
 import math
 import os
 import tempfile
 import threading
-import weakref
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import taichi as ti
-from taichi._lib import core
-from taichi.lang import impl
-from taichi.lang.enums import Layout
 
 from geo import waiting
 from geo.errors import UserError
-from kernels import devices, drivers, reading
+from kernels import devices, drivers, taichi_way
 from kernels.devices import Choice, Device
+from kernels.dtypes import DTYPES
 from kernels.memory import CGROUPS
+from kernels.taichi_way import way
 
 LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
 LEAST_SPACE = "2 to 3 GiB"  # that a small run maps, of which it uses a tenth
@@ -147,10 +144,7 @@ def _init(backend: str, threads: int, device: Device | None) -> None:
                 **_caching(),
                 cpu_max_num_threads=threads,
             )
-            # Only the thread of ti.init may lay out the (empty) tree of fields, which otherwise happens at the
-            # first launch, in whatever thread; kernels are compiled and launched from any.
-            impl.get_runtime().materialize()
-            reading.quicken()
+            way.begin(on_host=backend == "cpu")
     except Exception as error:
         raise _not_started(backend, error) from error
 
@@ -161,7 +155,7 @@ def _caching() -> dict[str, object]:
     Where it cannot, as in a read-only home, Taichi would end the process by a segmentation fault, last of all, when it
     makes the folder. So kernels are not kept, and it is given a folder that is there: its own.
     """
-    cache = Path(os.environ.get(NAMED) or impl.default_cfg().offline_cache_file_path)
+    cache = Path(os.environ.get(NAMED) or way.cache())
     try:
         cache.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=cache):
@@ -178,7 +172,8 @@ def _caching() -> dict[str, object]:
         )
         os.environ.pop(NAMED, None)  # Taichi would warn that it does not count
         return {"offline_cache": False, "offline_cache_file_path": str(Path(ti.__file__).parent)}
-    return {"offline_cache": True}
+    known = taichi_way.inside or os.environ.get(NAMED)  # then Taichi takes this folder by itself
+    return {"offline_cache": True} | ({} if known else {"offline_cache_file_path": str(cache)})
 
 
 def _not_started(backend: str, error: Exception) -> UserError:
@@ -263,108 +258,44 @@ def telling_full() -> Iterator[None]:
         ) from error
 
 
-class Column(ti.ScalarNdarray):
-    """A device array of scalars, which on a CPU is read and written where it lies.
-
-    Taichi would launch a kernel for each copy.
-
-    It is made without the trace of the caller that Taichi's own array keeps for its messages: the trace takes most of
-    the time of making one.
-    """
-
-    def __init__(self, dtype, n: int, zeroed: bool = True) -> None:
-        ti.Ndarray.__init__(self)
-        self.dtype = self.element_type = dtype
-        program = impl.get_runtime().prog
-        self.arr = program.create_ndarray(
-            dtype, (n,), layout=Layout.NULL, zero_fill=zeroed, dbg_info=core.DebugInfo("")
-        )
-        self.shape = (n,)
-        self._host: np.ndarray | None = None
-
-    def to_numpy(self) -> np.ndarray:
-        """Return a copy on the host."""
-        return super().to_numpy() if _started.get("backend") != "cpu" else self._memory().copy()
-
-    def from_numpy(self, arr: np.ndarray) -> None:
-        """Take up the values of a host array of the same shape and type."""
-        if _started.get("backend") != "cpu" or arr.dtype != _NUMPY[self.dtype] or arr.shape != self.shape:
-            super().from_numpy(arr)  # it also says what is wrong with the array
-        else:
-            self._memory()[:] = arr
-
-    def _memory(self) -> np.ndarray:
-        if self._host is None:
-            self._host = _memory(self.arr, self.shape[0], _KINDS[self.dtype])
-        return self._host
-
-
-def _memory(array, n: int, kind: type) -> np.ndarray:
-    """Return n numbers of a device array where they lie in the memory of a CPU.
-
-    The result does not keep the array alive, and must not be used after it.
-    """
-    place = impl.get_runtime().prog.get_ndarray_data_ptr_as_int(array)
-    return np.frombuffer((kind * n).from_address(place), kind)
-
-
 def empty(n: int, dtype=ti.f32) -> ti.Ndarray:
     """Return a zeroed device array of n scalars."""
-    return Column(dtype, max(n, 1))
+    return way.column(dtype, max(n, 1))
 
 
 def empty_nodes(n: int) -> ti.Ndarray:
     """Return a zeroed device array of n vectors of four float32.
 
     One aligned fetch a node saves 10 % of the time of a step.
-
-    Taichi 1.7.4 frees scalar ndarrays but forgets vector ones (ScalarNdarray has __del__, VectorNdarray has none).
     """
-    nodes = ti.Vector.ndarray(4, ti.f32, shape=(max(n, 1),))
-    weakref.finalize(nodes, impl.get_runtime().prog.delete_ndarray, nodes.arr).atexit = False
-    return nodes
-
-
-_DTYPES = {
-    np.dtype(np.float32): ti.f32,
-    np.dtype(np.int32): ti.i32,
-    np.dtype(np.uint8): ti.u8,
-    np.dtype(np.int64): ti.i64,
-    np.dtype(np.float64): ti.f64,
-}
-_NUMPY = {kind: dtype for dtype, kind in _DTYPES.items()}
-_KINDS = {kind: np.ctypeslib.as_ctypes_type(dtype) for kind, dtype in _NUMPY.items()}
+    return way.nodes(max(n, 1))
 
 
 def pairs(nodes: ti.Ndarray) -> np.ndarray | None:
     """Return an array of `empty_nodes` where it lies, each node as two pairs of float32 in 64 bits (n, 2).
 
-    Return None on any backend but the CPU.
+    Return None where that is not to be had, as on any backend but the CPU.
     """
-    n = nodes.shape[0]
-    return _memory(nodes.arr, 2 * n, ctypes.c_int64).reshape(n, 2) if _started.get("backend") == "cpu" else None
+    return way.pairs(nodes)
 
 
 def upload(values: np.ndarray) -> ti.Ndarray:
     """Return a device copy of a host array, flattened."""
     flat = np.ascontiguousarray(values).reshape(-1)
-    device = empty(flat.size, _DTYPES[flat.dtype])
+    device = empty(flat.size, DTYPES[flat.dtype])
     if flat.size:
         device.from_numpy(flat)
     return device
 
 
-def copy(values: Column, into: Column | None = None) -> Column:
+def copy(values: ti.Ndarray, into: ti.Ndarray | None = None) -> ti.Ndarray:
     """Return a copy of a device array of scalars; into: an earlier one, in whose place it is made where that is as large.
 
     New memory costs more than what is copied into it.
     """
     fits = into is not None and into.shape == values.shape and into.dtype == values.dtype
-    fresh = into if fits else Column(values.dtype, values.shape[0], zeroed=False)
-    if _started.get("backend") == "cpu":
-        fresh._memory()[:] = values._memory()
-    else:
-        fresh.copy_from(values)
+    fresh = into if fits else way.column(values.dtype, values.shape[0], zeroed=False)
+    way.copy_into(values, fresh)
     return fresh
 
 
