@@ -38,7 +38,8 @@ from drift.motion.forcing import Forcing
 from drift.motion.scene import Scene
 from drift.search.exposure import SortieExposure
 from drift.search.filter import Search
-from kernels import reading, runtime
+from kernels import runtime, taichi_inside
+from kernels.dtypes import KINDS
 from kernels.sample import Tiles
 
 WHAT = (
@@ -108,7 +109,7 @@ def through_taichi() -> Counts:
         setattr(owner, method, counted)
 
     def size_of(kind: Any) -> int:
-        return np.dtype(runtime._KINDS[kind]).itemsize
+        return np.dtype(KINDS[kind]).itemsize
 
     def width(column: Any, *_: Any) -> int:
         return column.shape[0] * size_of(column.dtype)
@@ -116,14 +117,14 @@ def through_taichi() -> Counts:
     def handed(_self: Any, _t: Any, _compiled: Any, *args: Any) -> int:
         return sum(array.nbytes for array in args if isinstance(array, np.ndarray))
 
-    count(runtime.core.Program, "launch_kernel", "launch")
-    count(runtime.ti, "sync", "sync")
-    count(runtime.Column, "__init__", "alloc", lambda _, kind, n, *__: n * size_of(kind))
-    count(runtime.Column, "to_numpy", "down", width)
-    count(runtime.Column, "from_numpy", "up", width)
+    count(taichi_inside.core.Program, "launch_kernel", "launch")
+    count(taichi_inside.ti, "sync", "sync")
+    count(taichi_inside.Column, "__init__", "alloc", lambda _, kind, n, *__: n * size_of(kind))
+    count(taichi_inside.Column, "to_numpy", "down", width)
+    count(taichi_inside.Column, "from_numpy", "up", width)
     count(runtime, "copy", "within", width)
     for way in ("up", "down"):  # NumPy's arrays that are handed to a kernel go both ways
-        count(reading.kernel_impl.Kernel, "launch_kernel", way, handed)
+        count(taichi_inside.kernel_impl.Kernel, "launch_kernel", way, handed)
     return counts
 
 

@@ -2,8 +2,10 @@
 
 In the order in which data passes them:
 
+dtypes   types of scalars
 runtime  start a backend; host arrays <-> device arrays
-reading  how Taichi reads the source of kernels, in less time
+devices, drivers  graphics cards: which one is taken, and what their drivers list
+taichi_way  Taichi by its insides (taichi_inside), or by its public interface alone (taichi_public)
 launch   arguments in groups; a kernel with its arguments set once
 batch    the slots that one launch works on
 bundle   particles that a kernel moves side by side

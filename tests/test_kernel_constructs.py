@@ -25,7 +25,6 @@ TOO_MANY = {  # kernels over that limit, with their buffers
 }
 
 # Kernels that may leave out elements of arrays: their callers pass device arrays.
-# tests/backends/test_compile.py checks that no caller passes one of NumPy's.
 ON_DEVICE = {
     "prior.draw_area",
     "prior.draw_objects",
@@ -34,14 +33,6 @@ ON_DEVICE = {
     "steer._inside",
 }
 WHOLE = {"beams._missed"}  # it writes every element: one of each beam, over all turns of a loop
-
-ANGLES_LEFT = """
-beams._missed clouds.chord clouds.cut clouds.drawn_anew follower.act follower.along follower.binary
-follower.keep_off follower.on_sphere follower.tracker_at glimpse.pod itinerary._gnomonic
-itinerary._loiter itinerary._reaction itinerary.place levels.level observe._place
-prior._wrapped_normal prior.draw_position prior.draw_trackline sphere.exponential sphere.meridian
-sphere.offset stations._excess steer.velocity touch.strip ways.rhumb ways.toward
-"""
 
 
 class Rule(NamedTuple):
@@ -56,22 +47,22 @@ RULES = {
     "bounds": Rule(
         constructs.bounds,
         "write >> for a power of two, or take the bound from an argument; begin at 0 and add",
-        {"sample._place"},
+        set(),
     ),
     "angles": Rule(
         constructs.angles,
         "call kernels.angles (float32) or kernels.doubles (float64)",
-        set(ANGLES_LEFT.split()),
+        set(),
     ),
     "half written": Rule(
         constructs.half_written,
         "write every element, or pass device arrays and name the kernel in ON_DEVICE",
-        ON_DEVICE | WHOLE | {"coast._meets", "sweeps._found"},
+        ON_DEVICE | WHOLE,
     ),
     "in while": Rule(
         constructs.in_while,
         "count in a local variable, and add it to the array after the loop",
-        {"clouds.cut", "follower.keep_off", "prior.draw_area", "steer._born", "steer._steer"},
+        {"clouds.cut", "follower.keep_off", "steer._born", "steer._steer"},
     ),
 }
 

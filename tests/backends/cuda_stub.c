@@ -85,6 +85,14 @@ int cuDeviceGetName(char *name, int size, int device) {
   snprintf(name, size, "stub");
   return SUCCESS;
 }
+int cuDeviceTotalMem_v2(size_t *bytes) {
+  *bytes = (size_t)80 << 30;
+  return SUCCESS;
+}
+int cuDeviceGetPCIBusId(char *id, int size) {
+  snprintf(id, size, "0000:00:00.0");
+  return SUCCESS;
+}
 int cuGetErrorName(int error, const char **name) {
   *name = error ? "CUDA_ERROR_OF_THE_STUB" : "CUDA_SUCCESS";
   return SUCCESS;

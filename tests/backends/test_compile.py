@@ -17,11 +17,6 @@ import pytest
 import variants
 from places import ROOT
 
-# Kernels that do not compile to SPIR-V yet. Remove a kernel from here when it does.
-NOT_YET = {
-    "clouds._follow",  # sine of float64
-    "sample._place",  # `//` in the bound of its loop
-}
 COMMAND = [sys.executable, str(ROOT / "tests" / "oracles" / "variants.py")]
 HERE = os.pathsep.join(map(str, [ROOT, ROOT / "tests" / "oracles"]))
 PARTS = 2  # they may run side by side
@@ -61,10 +56,7 @@ def test_every_kernel_compiles_to_spirv(part: int) -> None:
         pytest.skip("no Vulkan on this machine: install mesa-vulkan-drivers")
     found = rows(done)
     assert {row["kernel"] for row in found} == variants.kernels(part, PARTS).keys()
-    failed = {row["kernel"]: row["error"] for row in found if row["error"]}
-    assert not {name: error for name, error in failed.items() if name not in NOT_YET}
-    mended = NOT_YET & variants.kernels(part, PARTS).keys() - failed.keys()
-    assert not mended, "these compile now: take them off the list in this file"
+    assert not {row["kernel"]: row["error"] for row in found if row["error"]}
 
 
 def test_parts_hold_every_kernel_and_each_argument_has_values() -> None:
