@@ -12,7 +12,9 @@ from geo import notation
 from geo.errors import UserError
 
 WORTH = 100_000  # particles, an estimate: 1 ms of the host a step on a card is 12 ns a particle of 16 cores (docs/backends.md)
-LEAST = 2**30  # [bytes] that Taichi 1.7.4 takes of a card before the first array (its device_memory_GB)
+LEAST = (
+    2**30
+)  # [bytes] of a card for its context, kernels, forcing and coast; Taichi 1.7.4 takes as many of old drivers
 CAPABILITY = (6, 0)  # of CUDA: the first that adds float64 atomically (CUDA C++ Programming Guide, "Atomic Functions")
 DRIVER = 10_000  # CUDA 10.0: Taichi 1.7.4 starts on no older driver ("requires at least CUDA 10.0")
 VULKAN = (1, 1)  # subgroups, and 8 bits in storage buffers
@@ -131,7 +133,7 @@ def fullness(free: int | None) -> tuple[str, str]:
     """Return that a card is full and what to do; empty where it is not, or where nobody says."""
     if free is None or free >= LEAST:
         return "", ""
-    why = f"{notation.size(free)} of its memory are free, and a run takes {notation.size(LEAST)} before its first particle"
+    why = f"{notation.size(free)} of its memory are free, and a run needs {notation.size(LEAST)} beside its particles"
     return why, "end other programs on the card (nvidia-smi lists them on NVIDIA's)"
 
 

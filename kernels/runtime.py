@@ -145,8 +145,15 @@ def _init(backend: str, threads: int, device: Device | None) -> None:
                 cpu_max_num_threads=threads,
             )
             way.begin(backend)
+        if backend != "cpu" and hasattr(os, "register_at_fork"):
+            os.register_at_fork(after_in_child=_forsake)
     except Exception as error:
         raise _not_started(backend, error) from error
+
+
+def _forsake() -> None:
+    """Have a copy of this process, such as one that draws, free no arrays of the card: its driver serves no copies."""
+    ti.ScalarNdarray.__del__ = lambda self: None
 
 
 def _caching() -> dict[str, object]:

@@ -7,6 +7,7 @@ a column that is read where it lies on Program.get_ndarray_data_ptr_as_int.
 
 import ctypes
 import functools
+import os
 import sys
 import textwrap
 import weakref
@@ -179,8 +180,14 @@ def nodes(n: int) -> ti.Ndarray:
     Taichi 1.7.4 frees scalar ndarrays but forgets vector ones (ScalarNdarray has __del__, VectorNdarray has none).
     """
     made = ti.Vector.ndarray(4, ti.f32, shape=(n,))
-    weakref.finalize(made, impl.get_runtime().prog.delete_ndarray, made.arr).atexit = False
+    weakref.finalize(made, _free, impl.get_runtime().prog, made.arr, os.getpid()).atexit = False
     return made
+
+
+def _free(program: Any, array: Any, owner: int) -> None:
+    """Free an array, in the process that made it: the driver of a card serves no copies of the process."""
+    if os.getpid() == owner:
+        program.delete_ndarray(array)
 
 
 def pairs(held: ti.Ndarray) -> np.ndarray | None:

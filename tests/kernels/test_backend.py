@@ -104,7 +104,7 @@ def test_auto_falls_back_to_the_processor_in_one_line(tmp_path: Path, full: bool
     assert done.stdout.split("\n")[-2] == "[3.0, 3.0, 3.0] ''"
     assert done.stderr.count("\n") == 1
     assert done.stderr.startswith("drift: --backend auto takes cpu: ")
-    wanted = "1.0 MiB of its memory are free, and a run takes 1.0 GiB" if full else "Card, CUDA 12.4 does not start ("
+    wanted = "1.0 MiB of its memory are free, and a run needs 1.0 GiB" if full else "Card, CUDA 12.4 does not start ("
     assert wanted in done.stderr
 
 
@@ -146,6 +146,41 @@ def test_a_card_that_fills_up_on_the_way_is_a_line(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(runtime, "_started", {"backend": "cpu", "threads": 2, "device": None})
     with pytest.raises(RuntimeError, match="OUT_OF_MEMORY"), runtime.telling_full():
         raise RuntimeError(OOM)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="copies of a process draw where there is fork")
+@pytest.mark.parametrize(("backend", "frees"), [("vulkan", False), ("cpu", True)])
+def test_a_copy_of_the_process_frees_no_array_of_a_card(tmp_path: Path, backend: str, frees: bool) -> None:
+    """As copies that draw pictures are: they end well, and the original still has its arrays, and frees them itself."""
+    lavapipe()
+    code = f"""
+import os
+runtime.start("{backend}")
+held, nodes, whose = runtime.upload(np.full(3, 1.5, np.float32)), runtime.empty_nodes(3), ti.ScalarNdarray.__del__
+child = os.fork()
+if child == 0:
+    nodes = None
+    print(ti.ScalarNdarray.__del__ is whose, flush=True)
+    os._exit(0)
+assert os.waitpid(child, 0)[1] == 0
+double(held)
+print(held.to_numpy().tolist(), ti.ScalarNdarray.__del__ is whose)
+"""
+    assert program(tmp_path, code).stdout == f"{frees}\n[3.0, 3.0, 3.0] True\n"
+
+
+def test_the_page_of_backends_has_the_messages() -> None:
+    """Each, but for its numbers and names."""
+    page = (ROOT / "docs" / "backends.md").read_text(encoding="utf-8")
+    cards = (devices.cuda_unfit((5, 2), 12040, None), devices.cuda_unfit((9, 0), 9020, None), devices.fullness(0))
+    modern = {"version": (1, 3), "lacks": (), "buffers": 100, "kind": "discrete", "driver": "llvmpipe Mesa 22.3.6"}
+    told = [why.removeprefix("0.0 MiB ") for why, _ in cards]
+    for differs in ({"version": (1, 0)}, {"kind": "software"}):
+        told.append(devices.vulkan_unfit(**(modern | differs))[0])
+    told.append("it hands N buffers to a kernel")
+    told.append(devices.automatic(5, drivers.ask).why.replace("5", "N"))
+    for line in told:
+        assert line in page, line
 
 
 def test_the_room_of_a_card_is_asked_for_each_time(monkeypatch: pytest.MonkeyPatch) -> None:

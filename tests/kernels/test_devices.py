@@ -92,7 +92,7 @@ def test_cuda_takes_its_first_card_whatever_is_named(monkeypatch: pytest.MonkeyP
             (6, 0),
             10000,
             GIB - 1,
-            "1024.0 MiB of its memory are free, and a run takes 1.0 GiB before its first particle",
+            "1024.0 MiB of its memory are free, and a run needs 1.0 GiB beside its particles",
         ),
         ((6, 0), 10000, GIB, ""),
         ((9, 0), 12040, None, ""),

@@ -24,7 +24,7 @@ from taichi.lang.matrix import MatrixType
 from taichi.lang.struct import StructType
 from taichi.types.annotations import template
 
-from kernels import advance, bundle, features, glimpse, launch, observe, runtime, sweep, velocity
+from kernels import advance, bundle, features, glimpse, launch, observe, runtime, sweep, taichi_inside, velocity
 
 EVERYTHING = (1 << 18) - 1
 ROUND_THE_POLE = features.POLAR | features.LAYERS | features.MEMBERS
@@ -101,7 +101,7 @@ def arguments(kernel: Any, chosen: dict[str, Any]) -> list[Any]:
         whole[own.name] if isinstance(own.annotation, template) else zero(own.annotation)
         for own in kernel._primal.arguments
     ]
-    return launch._structured(kernel._primal, each)
+    return taichi_inside._structured(kernel._primal, each)
 
 
 def zero(kind: Any) -> Any:

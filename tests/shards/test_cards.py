@@ -51,7 +51,7 @@ def case_of(folder: Path, particles: int) -> drift.Case:
 
 
 def test_a_shard_fits_into_half_of_the_card(tmp_path: Path, on_card: Callable[[int], None]) -> None:
-    """By hand: 4 GiB left are 2 for a shard, of which Taichi takes 1; 2^30 / 200 bytes are 5,368,709 particles."""
+    """By hand: 4 GiB left are 2 for a shard, of which 1 is not for particles; 2^30 / 200 bytes are 5,368,709 particles."""
     case = case_of(tmp_path, 10**8)
     assert divide.HELD == 200
     assert divide.number(case, None, None) == 96  # on the processor of 200 GiB: 2^20 in each
