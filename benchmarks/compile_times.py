@@ -38,7 +38,6 @@ from kernels import (
     allocate,
     bridge,
     observe,
-    observe_targets,
     pieces,
     rectangles,
     runtime,
@@ -177,14 +176,11 @@ def steered(name: str) -> Callable[[], object]:
 
 def observed(kind: int, besides: int, steering: bool) -> Callable[[], object]:
     """Return a job that asks a sensor that stands still of what drifts, or of what steers."""
-    own, room, stayed, told = ensemble(), pieces.Room(N), runtime.empty(N), runtime.empty(N)
+    own, stayed, told = ensemble(), runtime.empty(N), runtime.empty(N)
     shape = observe.Shape(kind, 0, 0, 1.0, 0.0, 9.0, 9.0, (0, 0, 9, 9), np.array([0, 0, 9, 9], np.float32))
     places, window = (own.lon, own.lat), observe.Window(0, 0, 0, 600)
-    rest = shape, besides, (0.0, 1.0), stayed, told
-    if steering:
-        one = room.pack, own.batch([0]), own.scenario, 1, places, places
-        return lambda: observe_targets.steering(*one, window, *rest)
-    return lambda: observe.drifting(own, own.batch([0]), places, places, window, 0.0, *rest)
+    args = own, paths(own, steering), places, places, window, 0.0, shape, besides, (0.0, 1.0), stayed, told
+    return lambda: observe.observe_along(*args)
 
 
 def crossing(name: str) -> Callable[[], object]:

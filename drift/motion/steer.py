@@ -20,10 +20,9 @@ from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
 from kernels import advance as kernel
-from kernels import batch, felt, itinerary, observe_targets, pieces, runtime, steer
+from kernels import batch, felt, itinerary, pieces, runtime, steer
 from kernels.batch import Batch
 from kernels.coast import DeviceCoast
-from kernels.observe import Shape, Window
 from kernels.pieces import Paths, Room
 
 COLUMNS = (
@@ -189,26 +188,6 @@ class Helm:
             steer.made(kept, whole.batch, whole.plan, self._ensemble.seed, self._coast, step, whole._room)
             whole._noted = True
         return whole._room.pack
-
-    def observe(
-        self,
-        kept: Mapping[str, Device],
-        step: kernel.Step,
-        before: tuple[Device, Device],
-        after: tuple[Device, Device],
-        window: Window,
-        shape: Shape,
-        besides: int,
-        report: tuple[float, float],
-        stayed: Device,
-        told: Device,
-    ) -> None:
-        """Add what a sensor that stands still tells of the targets: see kernels.observe_targets.steering."""
-        e = self._ensemble
-        observe_targets.steering(
-            self._made(kept, step), self.batch, e.scenario, e.seed, before, after, window, shape, besides, report, stayed,
-            told,
-        )  # fmt: skip
 
     def velocity(self, kept: Mapping[str, Device], step: kernel.Step, time: int) -> tuple[Array, Array]:
         """Return (east, north) [m/s] of targets at a time inside the step just made, (n,); 0 of what is not under way."""
