@@ -413,13 +413,16 @@ def _exposing(Ways: Any, steers: bool) -> Any:
             while here != NONE:
                 way = pieces.load_piece(steers, paths, i, here, state, status_since[i], elapsed, duration, shore)
                 part, later = pieces.whole_piece(way), pieces.no_later()
-                if way.begin >= time[nodes] or way.end <= time[0]:
-                    part.depth = -1
+                if ti.static(steers):
+                    if way.begin >= time[nodes] or way.end <= time[0]:
+                        part.depth = -1
                 while part.depth >= 0:
                     x, y, to_x, to_y, begin, end = part.lon, part.lat, part.to_lon, part.to_lat, part.begin, part.end
                     pace = 1.0 / ti.max(end - begin, 1e-6)
                     halve, found = 0, 0.0
-                    stage = NEARS if way.k > 0.0 and part.depth < DEPTH else ADDS
+                    stage = ADDS
+                    if ti.static(steers):
+                        stage = NEARS if way.k > 0.0 and part.depth < DEPTH else ADDS
                     for asks in range(stage, ADDS + 1):
                         for k in range(nodes):
                             low, high = ti.max(time[k], begin), ti.min(time[k + 1], end)
