@@ -15,6 +15,7 @@ from kernels import batch, errors, life, noise, rows, runtime, sphere, steer
 from kernels.batch import Batch
 from kernels.coast import Ints, Reals
 from kernels.sample import Ranges, Sea, Tiles, members_of, sample
+from kernels.steer import Own
 from kernels.velocity import CURRENT_FROM, CURRENT_TO
 
 f32x2 = ti.types.vector(2, ti.f32)
@@ -48,7 +49,7 @@ def _feel(
     for j in range(first, last):
         i = batch.slot(listed, slots, j)
         end = elapsed + duration
-        begin, until = ti.max(elapsed, columns.departure[i]), ti.min(end, columns.release[i])
+        begin, until = ti.max(elapsed, steer.departure(columns, i)), ti.min(end, columns.release[i])
         if steer.under_way(columns, i, end) and begin < until:
             dt = ti.cast(until - begin, ti.f32)
             n = columns.lon.shape[0]  # a row's length
@@ -68,13 +69,15 @@ def _feel(
             u, v = r[0] + error[0] + error_rows[bias_at], r[1] + error[1] + error_rows[bias_at + n]
             per_metre = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
             secant = 1.0 / sphere.cos_lat(lat[i])
-            through = east[i] - columns.set_rate_lon[i] / (per_metre * secant)
-            so_far = columns.set_rate_lat[i] * ti.cast(middle * (until - begin) // 2, ti.f32)
-            reckoned = lat[i] - columns.set_lat[i] - ti.cast(ti.round(so_far), ti.i32)
+            lon_at, lat_at = Own.SET_RATE_LON * n + i, Own.SET_RATE_LAT * n + i
+            through = east[i] - columns.steer_real[lon_at] / (per_metre * secant)
+            so_far = columns.steer_real[lat_at] * ti.cast(middle * (until - begin) // 2, ti.f32)
+            set_lat = columns.steer_whole[Own.SET_LAT * n + i]
+            reckoned = lat[i] - set_lat - ti.cast(ti.round(so_far), ti.i32)
             wider = through * (secant - 1.0 / sphere.cos_lat(reckoned))
             if r[2] > 0.5:
-                columns.set_rate_lon[i] = (u * secant + wider) * per_metre
-                columns.set_rate_lat[i] = v * per_metre
+                columns.steer_real[lon_at] = (u * secant + wider) * per_metre
+                columns.steer_real[lat_at] = v * per_metre
             elif middle == 1:
                 columns.status[i], columns.status_since[i] = life.OUTSIDE, begin
 

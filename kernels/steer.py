@@ -13,7 +13,7 @@ from typing import Any
 
 import taichi as ti
 
-from kernels import angles, batch, itinerary, launch, life, noise, runtime, sphere, spreads, ways
+from kernels import angles, batch, itinerary, launch, life, noise, rows, runtime, sphere, spreads, ways
 from kernels.batch import Batch
 from kernels.coast import Coast, DeviceCoast, Ints, Reals, first_crossing, is_wet, open_sea
 from kernels.itinerary import (
@@ -47,16 +47,22 @@ Longs = ti.types.ndarray(dtype=ti.i64, ndim=1)
 
 f32x2 = ti.types.vector(2, ti.f32)
 
-# The columns of an ensemble that the itinerary of a target needs, of shape (n,) each.
+# The columns of an ensemble that the itinerary of a target needs, of shape (n,) each: those of the core, and those in
+# the rows of one array of whole numbers and of one of others (kernels.rows).
 CORE = ("lon", "lat", "status", "release", "status_since", "edge", "scenario")
-OWN = {
-    **dict.fromkeys(("birth", "departure", "phase", "leg", "to_lon", "to_lat", "to_time", "phase_end"), Ints),
-    **dict.fromkeys(("course", "speed"), Reals),
-    **dict.fromkeys(("set_lon", "set_lat"), Ints),
-    **dict.fromkeys(("set_rate_lon", "set_rate_lat"), Reals),
-}
-COLUMNS = {**dict.fromkeys(CORE, Ints), **OWN}
-Columns = ti.types.argpack(**COLUMNS)
+WHOLE = ("birth", "departure", "phase", "leg", "to_lon", "to_lat", "to_time", "phase_end", "set_lon", "set_lat")
+REAL = ("course", "speed", "set_rate_lon", "set_rate_lat")
+COLUMNS = {**dict.fromkeys((*CORE, *WHOLE), Ints), **dict.fromkeys(REAL, Reals)}
+Columns = ti.types.argpack(**dict.fromkeys(CORE, Ints), steer_whole=Ints, steer_real=Reals)
+
+
+class Own:
+    """In which rows of their arrays the columns of WHOLE and REAL stand."""
+
+    BIRTH, DEPARTURE, PHASE, LEG, TO_LON, TO_LAT, TO_TIME, PHASE_END, SET_LON, SET_LAT = range(10)
+    COURSE, SPEED, SET_RATE_LON, SET_RATE_LAT = range(4)
+
+
 Terms = ti.types.struct(
     seed0=ti.u32,
     seed1=ti.u32,
@@ -70,22 +76,37 @@ Terms = ti.types.struct(
 @ti.func
 def loaded(columns: ti.template(), i: ti.i32, elapsed: ti.i32) -> Target:
     """Return target i as its columns have it at the begin of a step [s], or at its departure in the step."""
-    begin = ti.max(elapsed, columns.departure[i])
+    own, real = ti.static(columns.steer_whole, columns.steer_real)
+    n = columns.lon.shape[0]  # a row's length
+    begin = ti.max(elapsed, departure(columns, i))
+    set_lon, set_lat = own[Own.SET_LON * n + i], own[Own.SET_LAT * n + i]
     return Target(
-        lon=columns.lon[i] - columns.set_lon[i], lat=columns.lat[i] - columns.set_lat[i], time=begin,
-        phase=columns.phase[i], leg=columns.leg[i],
-        to_lon=columns.to_lon[i], to_lat=columns.to_lat[i], to_time=columns.to_time[i],
-        phase_end=columns.phase_end[i], course=columns.course[i], speed=columns.speed[i], over=0,
-        set_lon=columns.set_lon[i], set_lat=columns.set_lat[i],
-        rate_lon=columns.set_rate_lon[i], rate_lat=columns.set_rate_lat[i], set_since=begin,
+        lon=columns.lon[i] - set_lon, lat=columns.lat[i] - set_lat, time=begin,
+        phase=own[Own.PHASE * n + i], leg=own[Own.LEG * n + i],
+        to_lon=own[Own.TO_LON * n + i], to_lat=own[Own.TO_LAT * n + i], to_time=own[Own.TO_TIME * n + i],
+        phase_end=own[Own.PHASE_END * n + i], course=real[Own.COURSE * n + i], speed=real[Own.SPEED * n + i], over=0,
+        set_lon=set_lon, set_lat=set_lat,
+        rate_lon=real[Own.SET_RATE_LON * n + i], rate_lat=real[Own.SET_RATE_LAT * n + i], set_since=begin,
     )  # fmt: skip
+
+
+@ti.func
+def departure(columns: ti.template(), i: ti.i32) -> ti.i32:
+    """Return when [s] target i gets under way."""
+    return columns.steer_whole[Own.DEPARTURE * columns.lon.shape[0] + i]
+
+
+@ti.func
+def birth(columns: ti.template(), i: ti.i32) -> ti.i32:
+    """Return the slot in which target i was born."""
+    return columns.steer_whole[Own.BIRTH * columns.lon.shape[0] + i]
 
 
 @ti.func
 def under_way(columns: ti.template(), i: ti.i32, end: ti.i32):
     """Return whether target i is under way before the end [s] of a step that has not been made."""
     state = columns.status[i]
-    return state == life.UNDER_WAY or (state == life.PENDING and columns.departure[i] < end)
+    return state == life.UNDER_WAY or (state == life.PENDING and departure(columns, i) < end)
 
 
 @ti.func
@@ -209,7 +230,7 @@ def _steer(
         if under_way(columns, i, end) or (noted != MOVED and resting):
             t = loaded(columns, i, elapsed)
             which = columns.scenario[i]
-            key = Chance(terms.seed0, terms.seed1, columns.birth[i], i + shift[which], step, 0)
+            key = Chance(terms.seed0, terms.seed1, birth(columns, i), i + shift[which], step, 0)
             state, until = life.UNDER_WAY, ti.min(end, columns.release[i])
             if resting:
                 state, t.time, until = columns.status[i], elapsed, end
@@ -265,17 +286,22 @@ def _placed(columns: ti.template(), i: ti.i32, t: Target):
     x, y = t.lon + dlon, t.lat + dlat
     columns.lon[i], columns.lat[i] = x, y
     if t.rate_lon != 0.0 or t.rate_lat != 0.0:
-        columns.set_lon[i], columns.set_lat[i] = dlon, dlat
-        columns.set_rate_lon[i], columns.set_rate_lat[i] = 0.0, 0.0  # until the current is asked again
+        own, real = ti.static(columns.steer_whole, columns.steer_real)
+        n = columns.lon.shape[0]  # a row's length
+        own[Own.SET_LON * n + i], own[Own.SET_LAT * n + i] = dlon, dlat
+        # Until the current is asked again.
+        real[Own.SET_RATE_LON * n + i], real[Own.SET_RATE_LAT * n + i] = 0.0, 0.0
     return x, y
 
 
 @ti.func
 def _aimed(columns: ti.template(), i: ti.i32, t: Target):
     """Write where target i goes next."""
-    columns.phase[i], columns.leg[i], columns.phase_end[i] = t.phase, t.leg, t.phase_end
-    columns.to_lon[i], columns.to_lat[i], columns.to_time[i] = t.to_lon, t.to_lat, t.to_time
-    columns.course[i], columns.speed[i] = t.course, t.speed
+    own, real = ti.static(columns.steer_whole, columns.steer_real)
+    n = columns.lon.shape[0]  # a row's length
+    own[Own.PHASE * n + i], own[Own.LEG * n + i], own[Own.PHASE_END * n + i] = t.phase, t.leg, t.phase_end
+    own[Own.TO_LON * n + i], own[Own.TO_LAT * n + i], own[Own.TO_TIME * n + i] = t.to_lon, t.to_lat, t.to_time
+    real[Own.COURSE * n + i], real[Own.SPEED * n + i] = t.course, t.speed
 
 
 @ti.kernel
@@ -305,14 +331,14 @@ def _inside(
     for j in range(first, last):
         i = batch.listed_slot(listed, slots, j)
         end = elapsed + duration
-        begin, until = ti.max(elapsed, before.departure[i]), ti.min(end, before.release[i])
+        begin, until = ti.max(elapsed, departure(before, i)), ti.min(end, before.release[i])
         when = then
         if half >= 0:
             when = begin + half * (until - begin) // 2
-        if under_way(before, i, end) and when <= until and before.departure[i] <= when:
+        if under_way(before, i, end) and when <= until and departure(before, i) <= when:
             t = loaded(before, i, elapsed)
             which = before.scenario[i]
-            key = Chance(terms.seed0, terms.seed1, before.birth[i], i + shift[which], step, 0)
+            key = Chance(terms.seed0, terms.seed1, birth(before, i), i + shift[which], step, 0)
             state = life.UNDER_WAY
             while t.time < when and state == life.UNDER_WAY:
                 key.count += 1
@@ -373,7 +399,8 @@ def _born(
         i = batch.listed_slot(listed, slots, j)
         which = columns.scenario[i]
         slot = i + shift[which]
-        columns.birth[i] = slot
+        n = columns.lon.shape[0]  # a row's length
+        columns.steer_whole[Own.BIRTH * n + i] = slot
         key = Chance(terms.seed0, terms.seed1, slot, slot, BIRTH, 0)
         story = which * STORY
         first_phase = plan.stories[story]
@@ -395,7 +422,7 @@ def _born(
             if plan.points[point * POINT + 9] != itinerary.BY_SPEED:
                 w = noise.words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, -1)
                 t.time = itinerary.when(plan, point, t.time, w[0], w[1])
-        columns.departure[i] = t.time
+        columns.steer_whole[Own.DEPARTURE * n + i] = t.time
         columns.release[i] = _distress(plan, key, which, t.time)
         t = aim(coastal, plan, key, which, t, coast)
         _placed(columns, i, t)
@@ -442,7 +469,8 @@ def terms(seed: int, domain: Any = None) -> dict[str, int]:
 
 def packed(columns: Any) -> Any:
     """Return the columns of targets, by name, in a pack."""
-    return launch.pack(Columns, *(columns[name] for name in COLUMNS))
+    together = rows.whole(columns, WHOLE), rows.whole(columns, REAL)
+    return launch.pack(Columns, *(columns[name] for name in CORE), *together)
 
 
 def born(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, tries) -> None:
