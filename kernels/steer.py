@@ -113,7 +113,7 @@ def under_way(columns: ti.template(), i: ti.i32, end: ti.i32):
 def wanders(plan: ti.template(), key: Chance, target: Target) -> ti.f32:
     """Return K [m/sqrt(s)] of the way on which a target is; 0: it keeps to its line."""
     k = 0.0
-    if plan.phases[target.phase * PHASE] == itinerary.WAY:
+    if plan.numbers[plan.phases_at + target.phase * PHASE] == itinerary.WAY:
         k = own_k(plan, key, target.phase)
     return k
 
@@ -170,7 +170,7 @@ def stretch(
     x, y, time = piece(plan, key, target, k, until)
     state, edge = life.UNDER_WAY, -1
     if coastal == 1:
-        if plan.stories[scenario * STORY + 2] & STOPPED:
+        if plan.numbers[plan.stories_at + scenario * STORY + 2] & STOPPED:
             ax, ay = set_at(target, target.time)
             bx, by = set_at(target, time)
             ax, ay, bx, by = target.lon + ax, target.lat + ay, x + bx, y + by
@@ -402,11 +402,11 @@ def _born(
         n = columns.lon.shape[0]  # a row's length
         columns.steer_whole[Own.BIRTH * n + i] = slot
         key = Chance(terms.seed0, terms.seed1, slot, slot, BIRTH, 0)
-        story = which * STORY
-        first_phase = plan.stories[story]
+        story = plan.stories_at + which * STORY
+        first_phase = plan.numbers[story]
         t = Target(lon=columns.lon[i], lat=columns.lat[i], time=columns.release[i], phase=first_phase, leg=0)
-        if plan.phases[first_phase * PHASE] == itinerary.WAY:
-            point = plan.phases[first_phase * PHASE + 1]
+        if plan.numbers[plan.phases_at + first_phase * PHASE] == itinerary.WAY:
+            point = plan.numbers[plan.phases_at + first_phase * PHASE + 1]
             found, tried = 0, 0
             while found == 0 and tried < MOST_TRIES:
                 w = noise.words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, tried)
@@ -414,12 +414,12 @@ def _born(
                 if found == 1:
                     tries[2 * which] += 1
                 if coastal == 1:
-                    if found == 1 and plan.stories[story + 2] & itinerary.WET:
+                    if found == 1 and plan.numbers[story + 2] & itinerary.WET:
                         found = is_wet(t.lon, t.lat, coast)
                 tried += 1
             tries[2 * which + 1] += 1 - found
             t.time, t.leg = own_start(plan, key, first_phase), 1
-            if plan.points[point * POINT + 9] != itinerary.BY_SPEED:
+            if plan.numbers[plan.points_at + point * POINT + 9] != itinerary.BY_SPEED:
                 w = noise.words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, -1)
                 t.time = itinerary.when(plan, point, t.time, w[0], w[1])
         columns.steer_whole[Own.DEPARTURE * n + i] = t.time
@@ -432,30 +432,31 @@ def _born(
 @ti.func
 def _distress(plan: ti.template(), key: Chance, scenario: ti.i32, departure: ti.i32) -> ti.i32:
     """Return when [s] a target that departs at a time goes adrift; `NEVER`: it does not."""
-    story, law = scenario * STORY, scenario * STORY_LAW
-    phase = plan.stories[story]
-    kind = plan.stories[story + 3]
+    story, law = plan.stories_at + scenario * STORY, plan.story_laws_at + scenario * STORY_LAW
+    phase = plan.numbers[story]
+    kind = plan.numbers[story + 3]
     time = NEVER
     if kind == BETWEEN:
         tries = 0
         time = departure - 1
         while time < departure and tries < TRIES:
             w = noise.further(key.seed0, key.seed1, noise.STREAM_BIRTH, key.birth, 8 * phase + 4, tries + 1)
-            after = spreads.triangle(itinerary.law(plan.story_laws, law), noise.uniform(w[0]), noise.uniform(w[1]))
-            time = plan.stories[story + 4] + ti.cast(ti.round(after), ti.i32)
+            after = spreads.triangle(itinerary.law(plan.laws, law), noise.uniform(w[0]), noise.uniform(w[1]))
+            time = plan.numbers[story + 4] + ti.cast(ti.round(after), ti.i32)
             tries += 1
         time = ti.max(time, departure)
     elif kind == RATE:
         w = itinerary.settled(key, phase, 4)
-        wait = spreads.waiting(1.0 / plan.story_laws[law + 4], noise.uniform(w[0]))
+        wait = spreads.waiting(1.0 / plan.laws[law + 4], noise.uniform(w[0]))
         if wait < ti.cast(NEVER - departure, ti.f32) * 0.99:
             time = departure + ti.cast(ti.round(wait), ti.i32)
     elif kind == SHARE:
         w = itinerary.settled(key, phase, 4)
-        share = spreads.triangle(itinerary.law(plan.story_laws, law), noise.uniform(w[0]), noise.uniform(w[1]))
+        share = spreads.triangle(itinerary.law(plan.laws, law), noise.uniform(w[0]), noise.uniform(w[1]))
         length = 0.0
-        for k in range(1, plan.phases[phase * PHASE + 2]):
-            length += plan.point_laws[(plan.phases[phase * PHASE + 1] + k) * POINT_LAW + 3]
+        row = plan.phases_at + phase * PHASE
+        for k in range(1, plan.numbers[row + 2]):
+            length += plan.laws[plan.point_laws_at + (plan.numbers[row + 1] + k) * POINT_LAW + 3]
         time = departure + ti.cast(ti.round(share * length / own_speed(plan, key, phase)), ti.i32)
     return time
 
