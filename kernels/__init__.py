@@ -4,6 +4,7 @@ In the order in which data passes them:
 
 runtime  start a backend; host arrays <-> device arrays
 rows     columns in the rows of one array: a card binds few arrays to a kernel
+tables   tables of two dimensions: the numbers of one thing side by side
 reading  how Taichi reads the source of kernels, in less time
 launch   arguments in groups; a kernel with its arguments set once
 batch    the slots that one launch works on
