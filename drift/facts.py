@@ -42,7 +42,7 @@ def attributes(case: Case, where: Environment) -> dict[str, str]:
         "source": f"casp-drift {version.__version__}",
         "versions": version.told(),
         "seed": str(case.seed),
-        "backend": runtime.backend(),
+        **runtime.about(),
         "forcing": "; ".join(f"{s.quantity} {s.name}: {s.fingerprint}" for s in where.sources),
         "coast": where.coast.source if where.coast else "none",
         "uncertainty": errors(case),
@@ -64,7 +64,8 @@ def _leaves(case: Case, numbers: Mapping[str, Any]) -> list[Any]:
     rows = [
         [
             "Run",
-            f"{run['start']}Z to {run['end']}Z, {run['particles']:,} particles, seed {run['seed']}, {run['backend']}",
+            f"{run['start']}Z to {run['end']}Z, {run['particles']:,} particles, seed {run['seed']}, "
+            f"{run['backend']}{f': {device}' if (device := run.get('device')) else ''}",
         ],
         ["Step", f"{run['scheme']}, {run['step_s']} s"],
         ["Errors", numbers["uncertainty"]["told"] or "none that anything feels"],
@@ -135,7 +136,7 @@ def with_coast(on: Setting) -> Setting:
 def changed(case: Case, where: Environment, before: Mapping[str, Any]) -> list[str]:
     """Return what of a run is not as in the summary of one before, in words; empty where that is of exactly this run."""
     of = attributes(case, where)
-    now: dict[str, Any] = {name: of[name] for name in ("case", "seed", "versions", "backend", "coast")}
+    now: dict[str, Any] = {name: of.get(name) for name in ("case", "seed", "versions", "backend", "device", "coast")}
     now["forcing"] = [[source.quantity, source.name, source.fingerprint] for source in where.sources]
     now["case"] = [of["case"], said.digest(case)]  # changed in Python it may have the text of another
     now["files"] = [input_file(path)["digest"] for path in case.inputs]
@@ -247,7 +248,7 @@ def numbers(
             "step_errors_m_per_day": {str(k): v for k, v in setup.trial.errors.items()} if setup.trial else None,
             "scheme": case.scheme,
             "coast_behaviour": behaviour(case),
-            "backend": runtime.backend(),
+            **runtime.about(),
         },
         "uncertainty": {
             "told": errors(case),

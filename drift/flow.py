@@ -123,7 +123,20 @@ def run(
     """
     if resume and out is None:
         raise UserError("resume = True: without out nothing is kept; give the folder of the results")
-    job = opened(case, Options(out, datasets, threads, backend, overwrite or resume, report, memory, shards, client))
+    job = opened(
+        case,
+        Options(
+            out,
+            datasets,
+            threads,
+            shelf.settled(backend, out, client),
+            overwrite or resume,
+            report,
+            memory,
+            shards,
+            client,
+        ),
+    )
     if resume and _stands(job):
         assert job.out is not None
         if shelf.unfinished(job.out):  # it was killed after its results stood, or another run was

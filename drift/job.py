@@ -79,7 +79,7 @@ def opened(case: Case, options: Options = Options()) -> Job:
     """Return the job of a case, once it is sure that results can be written and Taichi runs."""
     if options.client is not None and options.datasets:
         raise UserError("datasets: workers read files; write these to files and name them in the case")
-    if options.client is not None and options.backend != "cpu":
+    if options.client is not None and options.backend not in ("cpu", runtime.AUTO):
         raise UserError(f"--backend {options.backend}: workers move particles on processors; leave it out")
     tell, clock = options.report or _silent, Stopwatch()
     folder = None if options.out is None else Path(options.out)
@@ -87,7 +87,8 @@ def opened(case: Case, options: Options = Options()) -> Job:
         writer.check_folder(folder, options.overwrite, (*forecast_chapter.FILES, *forecast_chapter.PICTURES))
     digest.start(case.inputs)
     with clock.phase("taichi"):
-        runtime.start(options.backend, options.threads)
+        backend = options.backend if options.client is None else "cpu"
+        runtime.start(backend, options.threads, case.particles)
     tell("read", 0.0)
     with clock.phase("read"):
         where = start.open_for(case, options.datasets)
@@ -101,12 +102,12 @@ def _silent(phase: str, share: float) -> None:
 def in_turn(function: Callable[P, R]) -> Callable[P, R]:
     """Return a function that waits until no other thread of the program runs a case, then does its work.
 
-    The wait heeds signals. A call from within a run, by its `report` say, does not wait.
+    A graphics card that is full on the way becomes a UserError. The wait heeds signals. A call from within a run, by its `report` say, does not wait.
     """
 
     @functools.wraps(function)
     def waiting(*args: P.args, **kwargs: P.kwargs) -> R:
-        with runtime.alone():
+        with runtime.alone(), runtime.telling_full():
             return function(*args, **kwargs)
 
     return waiting

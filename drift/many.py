@@ -81,7 +81,7 @@ def run_many(
     if maps not in (False, True, "last"):
         raise UserError(f'maps = {maps!r}: give False, "last" or True')
     with runtime.alone():
-        runtime.start(backend, threads)
+        runtime.start(backend, threads, max((case.particles for case in cases), default=0))
     return _each(tuple(cases), datasets or {}, maps, report or (lambda phase, share: None))
 
 
@@ -92,7 +92,8 @@ def _each(cases: Sequence[Case], datasets: Mapping[str, Any], maps: Maps, tell: 
         for number, case in enumerate(cases):
             with runtime.alone():  # one case at a time, and none while the caller runs one
                 try:
-                    brief, rest = _forecast(case, _named(case, datasets), shared.pop(), maps)
+                    with runtime.telling_full():
+                        brief, rest = _forecast(case, _named(case, datasets), shared.pop(), maps)
                 except UserError as error:
                     brief, rest = _refused(case, error), None
             before.append(pool.submit(_mapped, brief, rest))

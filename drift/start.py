@@ -46,7 +46,7 @@ from geo.coast import edges as shoreline
 from geo.coast.segments import Segments
 from geo.coast.shore import Shore
 from geo.errors import UserError
-from kernels import advance, jumps, memory, noise
+from kernels import advance, devices, jumps, memory, noise, runtime
 from kernels import coast as device_coast
 from kernels.noise import Purpose
 
@@ -186,11 +186,14 @@ def _listening(case: Case) -> int:
 
 
 def _check_memory(case: Case) -> None:
-    need, free = case.particles * (BYTES_PER_PARTICLE + more_bytes(case)), memory.free()
+    need, free, whose = case.particles * (BYTES_PER_PARTICLE + more_bytes(case)), memory.free(), "memory"
+    card = runtime.room() if need > devices.LEAST else None  # to ask takes as long as a small forecast
+    if card is not None and card < free:
+        free, whose = card, "the graphics card's memory"
     if need > free:
         raise UserError(
             f"{case.path.name}: {case.particles:,} particles in one piece take {notation.size(need)}, and {notation.size(free)} "
-            "of memory are free; take fewer, or leave it to drift run to move them in shards that fit"
+            f"of {whose} are free; take fewer, or leave it to drift run to move them in shards that fit"
         )
 
 

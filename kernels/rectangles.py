@@ -6,11 +6,14 @@ creep is covered more. Random search: the share of the search time that the part
 within a bin, in a plane. What is under way before a time of its own, its turn, is covered as such until then.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import taichi as ti
 
+from kernels import runtime
 from kernels.allocate import HostInts, HostReals, look
 
 BLOCK = 256
@@ -135,7 +138,8 @@ def _found(
             found[i * nodes + k] = look(curve, full * factor[k] * steps)
 
 
-class Swarm(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Swarm:
     """Tracks on a plane, as the kernels take them; on the host, float32 unless it says otherwise."""
 
     time: np.ndarray  # [s] (edges,)
@@ -149,6 +153,11 @@ class Swarm(NamedTuple):
     flow_x: np.ndarray
     flow_y: np.ndarray
     k: np.ndarray  # spread rate of that bridge [m/sqrt(s)] (m * edges,), 0 where a track is straight; (0,): all are
+
+    @cached_property
+    def resident(self) -> tuple[Any, ...]:
+        """All of these as kernels take them again and again: they are copied to a card once."""
+        return tuple(runtime.resident(getattr(self, each.name)) for each in fields(self))
 
 
 NEVER = -1e30  # [s] before all times
@@ -210,7 +219,7 @@ def gains(
     arrays = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (rectangle, coverage)]
     last = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (curve, before, later)]
     edges = particles.time.shape[0]
-    moving, scenarios = particles[:-3], coverage.shape[-1]
+    moving, scenarios = particles.resident[:-3], coverage.shape[-1]
     _gains(random, edges, *moving, *arrays, scenarios, np.asarray(factor, np.float32), 1 / step, *last, sums)
     return sums.astype(np.float64).reshape(len(rectangle), -1).sum(axis=1)
 
@@ -227,5 +236,5 @@ def found(
     b, worth = np.zeros(m * len(factor), np.float32), np.zeros(m, np.float32)
     arrays = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (rectangle, by_state(coverage), factor)]
     edges = particles.time.shape[0]
-    _found(random, edges, *particles[:-3], *arrays, 1 / step, np.asarray(curve, np.float32), b, worth)
+    _found(random, edges, *particles.resident[:-3], *arrays, 1 / step, np.asarray(curve, np.float32), b, worth)
     return b.reshape(m, -1), worth

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 import taichi as ti
-from taichi.lang.util import to_numpy_type
 
 from kernels import runtime
+from kernels.dtypes import NUMPY
+from kernels.taichi_way import way
 
 Numbers = ti.types.ndarray(ndim=1)
-Array = runtime.Column
+Array = ti.Ndarray
 Columns = Mapping[str, Any]  # by name: arrays, or rows of arrays
 
 
@@ -41,9 +42,10 @@ class Row:
 
     def to_numpy(self) -> np.ndarray:
         """Return a copy on the host."""
-        if runtime.backend() == "cpu":
-            return self._memory().copy()
-        values = runtime.Column(self.dtype, self.shape[0], zeroed=False)
+        lying = way.lying(self.array)
+        if lying is not None:
+            return lying[self._span].copy()
+        values = way.column(self.dtype, self.shape[0], zeroed=False)
         _copy(self.array, self.first, values, 0, self.shape[0])
         return values.to_numpy()
 
@@ -51,19 +53,20 @@ class Row:
         """Take up the values of a host array of the same shape."""
         if values.shape != self.shape:
             raise ValueError(f"a column of shape {self.shape} cannot take values of {values.shape}")
-        if runtime.backend() == "cpu":
-            self._memory()[:] = values
+        lying = way.lying(self.array)
+        if lying is not None:
+            lying[self._span] = values
         else:
-            fresh = runtime.Column(self.dtype, self.shape[0], zeroed=False)
-            fresh.from_numpy(np.ascontiguousarray(values, to_numpy_type(self.dtype)))
+            fresh = runtime.upload(values.astype(NUMPY[self.dtype]))
             _copy(fresh, 0, self.array, self.first, self.shape[0])
 
     def fill(self, value: float) -> None:
         """Write one value into every slot."""
-        self.from_numpy(np.full(self.shape, value, to_numpy_type(self.dtype)))
+        self.from_numpy(np.full(self.shape, value, NUMPY[self.dtype]))
 
-    def _memory(self) -> np.ndarray:
-        return self.array._memory()[self.first : self.first + self.shape[0]]
+    @property
+    def _span(self) -> slice:
+        return slice(self.first, self.first + self.shape[0])
 
 
 @ti.kernel

@@ -4,32 +4,32 @@
 """
 
 import contextlib
-import ctypes
 import io
 import logging
 import math
 import os
 import tempfile
 import threading
-import weakref
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import taichi as ti
-from taichi._lib import core
-from taichi.lang import impl
-from taichi.lang.enums import Layout
 
 from geo import waiting
 from geo.errors import UserError
-from kernels import reading
+from kernels import devices, drivers, taichi_way
+from kernels.devices import Choice, Device
+from kernels.dtypes import DTYPES
 from kernels.memory import CGROUPS
+from kernels.taichi_way import way
 
 LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
 LEAST_SPACE = "2 to 3 GiB"  # that a small run maps, of which it uses a tenth
 NAMED = "TI_OFFLINE_CACHE_FILE_PATH"  # environment variable that tells Taichi where compiled kernels are kept
 BACKENDS = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
+AUTO = "auto"  # in place of a backend: a card where there is one and it is worth it, else the processor
+FULL = ("out of memory", "out_of_memory", "OUT_OF_DEVICE_MEMORY", "OUT_OF_HOST_MEMORY")  # in what backends say of that
 
 _started: dict[str, object] = {}
 _use = threading.RLock()  # held by the thread that uses Taichi
@@ -74,47 +74,86 @@ def _quota() -> float | None:
     return None
 
 
-def start(backend: str = "cpu", threads: int | None = None) -> None:
+def start(backend: str = "cpu", threads: int | None = None, lanes: int | None = None) -> None:
     """Start Taichi on a backend with a number of CPU threads; once started, keep it.
 
-    threads: `cores()` by default and at most.
+    backend: one of BACKENDS, or AUTO, which keeps what runs already; threads: `cores()` by default and at most; lanes:
+    how many particles, or clouds of a tracking case, are to be moved side by side, for AUTO.
 
     Raises UserError when the backend is unknown or this machine lacks it, when another one runs already, or on a
     graphics card from another thread than the one that started it.
     """
-    if backend not in BACKENDS:
-        raise UserError(f"--backend: unknown backend {backend!r}; allowed: {', '.join(BACKENDS)}")
+    if backend not in (*BACKENDS, AUTO):
+        raise UserError(f"--backend: unknown backend {backend!r}; allowed: {', '.join((*BACKENDS, AUTO))}")
     if threads is not None and threads < 1:
         raise UserError(f"--threads {threads} must be at least 1")
     with alone():
         count = min(threads or cores(), cores())
         if _started:
-            _check_same(backend, None if threads is None else count)
+            taken = str(_started["backend"]) if backend == AUTO else backend
+            _check_same(taken, None if threads is None else count)
             return
+        if backend == AUTO:
+            choice = _automatic(lanes, count)
+        else:
+            choice = Choice(None if backend == "cpu" else devices.usable(drivers.ask(backend)), "")
+            if choice.device is not None and choice.device.kind == "software":
+                LOG.warning("drift: --backend %s: %s is a software device: for tests", backend, choice.device.name)
+            _init(backend, count, choice.device)
+        taken = choice.device.backend if choice.device else "cpu"
+        told = f"--backend {AUTO} takes {taken}: {choice.why}" if backend == AUTO else ""
+        if told:
+            LOG.log(logging.WARNING if choice.missed else logging.INFO, "drift: %s", told)
+        _started.update(backend=taken, threads=count, thread=threading.get_ident(), device=choice.device)
+        _started["told"] = "" if choice.missed else told
+
+
+def _automatic(lanes: int | None, threads: int) -> Choice:
+    """Start what AUTO takes, and return it; where a card does not start that should, start the processor."""
+    choice = devices.automatic(lanes, drivers.ask)
+    if choice.device is not None:
         try:
-            with contextlib.redirect_stdout(io.StringIO()):
-                # fast_math reorders sums, so that results would depend on the compiler; it would save 3 to 10 %.
-                ti.init(
-                    arch=BACKENDS[backend],
-                    enable_fallback=False,
-                    default_fp=ti.f32,
-                    default_ip=ti.i32,
-                    fast_math=False,
-                    # The machine's compiler finds again whatever this pass finds in a kernel, and the pass takes time
-                    # in proportion to the square of the kernel's length.
-                    cfg_optimization=False,
-                    advanced_optimization=backend != "cpu",  # likewise: half of the time of compiling
-                    log_level=ti.ERROR,
-                    **_caching(),
-                    cpu_max_num_threads=count,
-                )
-                # Only the thread of ti.init may lay out the (empty) tree of fields, which otherwise happens at the
-                # first launch, in whatever thread; kernels are compiled and launched from any.
-                impl.get_runtime().materialize()
-                reading.quicken()
-        except Exception as error:
-            raise _not_started(backend, error) from error
-        _started.update(backend=backend, threads=count, thread=threading.get_ident())
+            _init(choice.device.backend, threads, choice.device)
+            return choice
+        except UserError as error:
+            why = _first_line(error.__cause__ or error)
+            choice = Choice(None, f"{choice.device.identity} does not start ({why})", missed=True)
+    _init("cpu", threads, None)
+    return choice
+
+
+def _init(backend: str, threads: int, device: Device | None) -> None:
+    """Start Taichi; raise UserError where it does not start."""
+    if backend == "vulkan" and device is not None:
+        os.environ.setdefault(devices.PICKING, str(device.number))  # Taichi may rank devices in another way
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            # fast_math reorders sums, so that results would depend on the compiler; it would save 3 to 10 %.
+            ti.init(
+                arch=BACKENDS[backend],
+                enable_fallback=False,
+                default_fp=ti.f32,
+                default_ip=ti.i32,
+                fast_math=False,
+                # The machine's compiler finds again whatever this pass finds in a kernel, and the pass takes time
+                # in proportion to the square of the kernel's length.
+                cfg_optimization=False,
+                advanced_optimization=backend != "cpu",  # likewise: half of the time of compiling
+                # A card's errors are raised, and would be printed too: what is told of them is a line.
+                log_level=ti.ERROR if backend == "cpu" else ti.CRITICAL,
+                **_caching(),
+                cpu_max_num_threads=threads,
+            )
+            way.begin(backend)
+        if backend != "cpu" and hasattr(os, "register_at_fork"):
+            os.register_at_fork(after_in_child=_forsake)
+    except Exception as error:
+        raise _not_started(backend, error) from error
+
+
+def _forsake() -> None:
+    """Have a copy of this process, such as one that draws, free no arrays of the card: its driver serves no copies."""
+    ti.ScalarNdarray.__del__ = lambda self: None
 
 
 def _caching() -> dict[str, object]:
@@ -123,7 +162,7 @@ def _caching() -> dict[str, object]:
     Where it cannot, as in a read-only home, Taichi would end the process by a segmentation fault, last of all, when it
     makes the folder. So kernels are not kept, and it is given a folder that is there: its own.
     """
-    cache = Path(os.environ.get(NAMED) or impl.default_cfg().offline_cache_file_path)
+    cache = Path(os.environ.get(NAMED) or way.cache())
     try:
         cache.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=cache):
@@ -140,12 +179,17 @@ def _caching() -> dict[str, object]:
         )
         os.environ.pop(NAMED, None)  # Taichi would warn that it does not count
         return {"offline_cache": False, "offline_cache_file_path": str(Path(ti.__file__).parent)}
-    return {"offline_cache": True}
+    known = taichi_way.inside or os.environ.get(NAMED)  # then Taichi takes this folder by itself
+    return {"offline_cache": True} | ({} if known else {"offline_cache_file_path": str(cache)})
 
 
 def _not_started(backend: str, error: Exception) -> UserError:
     """Return why a backend does not start; another one is suggested only for a graphics card's."""
-    why = (str(error).splitlines() or [type(error).__name__])[0]
+    why = _first_line(error)
+    if backend != "cpu" and any(words in why for words in FULL):
+        return UserError(
+            f"--backend {backend}: its card is full ({why}); end other programs on the card, or use --backend cpu"
+        )
     if "emory" in why:
         return UserError(
             f"not enough memory to start the backend {backend!r} ({why}); it needs {LEAST_SPACE} of address space: "
@@ -153,6 +197,10 @@ def _not_started(backend: str, error: Exception) -> UserError:
         )
     remedy = "reinstall taichi (pip install --force-reinstall taichi)" if backend == "cpu" else "use --backend cpu"
     return UserError(f"--backend: {backend!r} is not available on this machine ({why}); {remedy}")
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def _check_same(backend: str, threads: int | None) -> None:
@@ -179,108 +227,87 @@ def backend() -> str:
     return str(_started.get("backend", "none"))
 
 
-class Column(ti.ScalarNdarray):
-    """A device array of scalars, which on a CPU is read and written where it lies.
+def about() -> dict[str, str]:
+    """Return what files say of the running backend: its name, and its device where that is a graphics card.
 
-    Taichi would launch a kernel for each copy.
-
-    It is made without the trace of the caller that Taichi's own array keeps for its messages: the trace takes most of
-    the time of making one.
+    The driver is part of the device: it compiles what runs.
     """
-
-    def __init__(self, dtype, n: int, zeroed: bool = True) -> None:
-        ti.Ndarray.__init__(self)
-        self.dtype = self.element_type = dtype
-        program = impl.get_runtime().prog
-        self.arr = program.create_ndarray(
-            dtype, (n,), layout=Layout.NULL, zero_fill=zeroed, dbg_info=core.DebugInfo("")
-        )
-        self.shape = (n,)
-        self._host: np.ndarray | None = None
-
-    def to_numpy(self) -> np.ndarray:
-        """Return a copy on the host."""
-        return super().to_numpy() if _started.get("backend") != "cpu" else self._memory().copy()
-
-    def from_numpy(self, arr: np.ndarray) -> None:
-        """Take up the values of a host array of the same shape and type."""
-        if _started.get("backend") != "cpu" or arr.dtype != _NUMPY[self.dtype] or arr.shape != self.shape:
-            super().from_numpy(arr)  # it also says what is wrong with the array
-        else:
-            self._memory()[:] = arr
-
-    def _memory(self) -> np.ndarray:
-        if self._host is None:
-            self._host = _memory(self.arr, self.shape[0], _KINDS[self.dtype])
-        return self._host
+    device = _started.get("device")
+    return {"backend": backend()} | ({"device": device.identity} if isinstance(device, Device) else {})
 
 
-def _memory(array, n: int, kind: type) -> np.ndarray:
-    """Return n numbers of a device array where they lie in the memory of a CPU.
+def told() -> str:
+    """Return what AUTO took and why, in a line; "" where it was not asked, or a warning has said it."""
+    return str(_started.get("told", ""))
 
-    The result does not keep the array alive, and must not be used after it.
-    """
-    place = impl.get_runtime().prog.get_ndarray_data_ptr_as_int(array)
-    return np.frombuffer((kind * n).from_address(place), kind)
+
+def room() -> int | None:
+    """Return how much of the running device's own memory is free [bytes]; None where it has the processor's, or nobody says."""
+    device = _started.get("device")
+    if not isinstance(device, Device):
+        return None
+    listed = drivers.ask(device.backend).devices
+    return next((one.room for one in listed if one.number == device.number), device.room)
+
+
+@contextlib.contextmanager
+def telling_full() -> Iterator[None]:
+    """Turn what a backend raises when its card is full into a line that says what to do (UserError)."""
+    try:
+        yield
+    except RuntimeError as error:
+        device, why = _started.get("device"), str(error)
+        if not isinstance(device, Device) or not any(words in why for words in FULL):
+            raise
+        raise UserError(
+            f"--backend {device.backend}: {device.name} is full; end other programs on it and give the same command again (a "
+            "run in shards goes on from those that are finished), cut it into more --shards, or use --backend cpu"
+        ) from error
 
 
 def empty(n: int, dtype=ti.f32) -> ti.Ndarray:
     """Return a zeroed device array of n scalars."""
-    return Column(dtype, max(n, 1))
+    return way.column(dtype, max(n, 1))
 
 
 def empty_nodes(n: int) -> ti.Ndarray:
     """Return a zeroed device array of n vectors of four float32.
 
     One aligned fetch a node saves 10 % of the time of a step.
-
-    Taichi 1.7.4 frees scalar ndarrays but forgets vector ones (ScalarNdarray has __del__, VectorNdarray has none).
     """
-    nodes = ti.Vector.ndarray(4, ti.f32, shape=(max(n, 1),))
-    weakref.finalize(nodes, impl.get_runtime().prog.delete_ndarray, nodes.arr).atexit = False
-    return nodes
-
-
-_DTYPES = {
-    np.dtype(np.float32): ti.f32,
-    np.dtype(np.int32): ti.i32,
-    np.dtype(np.uint8): ti.u8,
-    np.dtype(np.int64): ti.i64,
-    np.dtype(np.float64): ti.f64,
-}
-_NUMPY = {kind: dtype for dtype, kind in _DTYPES.items()}
-_KINDS = {kind: np.ctypeslib.as_ctypes_type(dtype) for kind, dtype in _NUMPY.items()}
+    return way.nodes(max(n, 1))
 
 
 def pairs(nodes: ti.Ndarray) -> np.ndarray | None:
     """Return an array of `empty_nodes` where it lies, each node as two pairs of float32 in 64 bits (n, 2).
 
-    Return None on any backend but the CPU.
+    Return None where that is not to be had, as on any backend but the CPU.
     """
-    n = nodes.shape[0]
-    return _memory(nodes.arr, 2 * n, ctypes.c_int64).reshape(n, 2) if _started.get("backend") == "cpu" else None
+    return way.pairs(nodes)
 
 
 def upload(values: np.ndarray) -> ti.Ndarray:
     """Return a device copy of a host array, flattened."""
     flat = np.ascontiguousarray(values).reshape(-1)
-    device = empty(flat.size, _DTYPES[flat.dtype])
+    device = empty(flat.size, DTYPES[flat.dtype])
     if flat.size:
         device.from_numpy(flat)
     return device
 
 
-def copy(values: Column, into: Column | None = None) -> Column:
+def resident(values: np.ndarray) -> np.ndarray | ti.Ndarray:
+    """Return a host array as kernels take it that read it again and again: a card holds a copy of it."""
+    return values if _started.get("backend") == "cpu" else upload(values)
+
+
+def copy(values: ti.Ndarray, into: ti.Ndarray | None = None) -> ti.Ndarray:
     """Return a copy of a device array of scalars; into: an earlier one, in whose place it is made where that is as large.
 
     New memory costs more than what is copied into it.
     """
     fits = into is not None and into.shape == values.shape and into.dtype == values.dtype
-    fresh = into if fits else Column(values.dtype, values.shape[0], zeroed=False)
-    if _started.get("backend") == "cpu":
-        fresh._memory()[:] = values._memory()
-    else:
-        fresh.copy_from(values)
+    fresh = into if fits else way.column(values.dtype, values.shape[0], zeroed=False)
+    way.copy_into(values, fresh)
     return fresh
 
 

@@ -198,7 +198,7 @@ class Tiles:
         flat = np.ascontiguousarray(values, np.float32).reshape(-1)
         own = runtime.pairs(self.nodes)
         if own is None:
-            _place(self.nodes, flat, first, int(later), int(shift))
+            _place(self.nodes, runtime.resident(flat), first, int(later), int(shift))
             return
         own = own[first : first + flat.size // 2]
         if shift:

@@ -248,7 +248,7 @@ def gains(
         table is None,
         len(particles.flow_x) > 0,
         particles.time.shape[0],
-        *particles,
+        *particles.resident,
         start,
         extent,
         node,
@@ -277,5 +277,5 @@ def found(
     )
     curve = np.zeros(4, np.float32) if table is None else np.asarray(table, np.float32).reshape(-1)
     bridged, edges = len(particles.flow_x) > 0, particles.time.shape[0]
-    _found(table is None, bridged, edges, *particles, node, curve, widths, factors, b, worth)
+    _found(table is None, bridged, edges, *particles.resident, node, curve, widths, factors, b, worth)
     return b.reshape(m, -1), worth

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 import taichi as ti
-from taichi.lang.util import to_taichi_type
+
+from kernels.dtypes import DTYPES
 
 
 def empty(many: int, columns: int, dtype: type) -> Any:
     """Return a table of zeros on the device; it has one row at least, as no array may be empty."""
-    return ti.ndarray(to_taichi_type(dtype), (max(many, 1), columns))
+    return ti.ndarray(DTYPES[np.dtype(dtype)], (max(many, 1), columns))
 
 
 def upload(values: np.ndarray) -> Any:

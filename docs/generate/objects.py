@@ -28,7 +28,7 @@ What many of them take:
 
 - `out`: a folder, which is written completely or not at all; without it nothing is written. `overwrite`: whether results that it holds are replaced.
 - `datasets`: the xarray.Datasets that the case's sources name, by their names there.
-- `threads`: of the processor, all by default; `backend`: `"cpu"`, `"cuda"`, `"vulkan"` or `"metal"`.
+- `threads`: of the processor, all by default; `backend`: `"cpu"`, `"cuda"`, `"vulkan"`, `"metal"` or `"auto"`.
 - `report`: a function that is told what is being done and how much of it is done, as a share.
 
 Guides: [for scientists](../tutorials/scientist.md), [read results in Python](../howto/results.md), [many forecasts](../howto/many.md)."""

@@ -69,7 +69,10 @@ def place(
             f"{case.path.name}: plan: the last sortie or contact is at {notation.group(case.plan.begin)}, when the plan is to "
             "end; give begin and until in [plan], or run for longer"
         )
-    job = opened(case, Options(out, datasets, threads, backend, overwrite, report, memory, shards, client))
+    job = opened(
+        case,
+        Options(out, datasets, threads, shelf.settled(backend, out, client), overwrite, report, memory, shards, client),
+    )
     plan, executed, result = towed(job)
     if job.out is not None:
         flow.write(result, job, more=[chapter.chapter(matter(job, plan, executed, result))], planned=ahead(plan))

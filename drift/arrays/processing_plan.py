@@ -81,7 +81,10 @@ def allocate(
         )
     refuse_crowds(asked)
     today_of(asked)
-    job = opened(case, Options(out, datasets, threads, backend, overwrite, report, memory, shards, client))
+    job = opened(
+        case,
+        Options(out, datasets, threads, shelf.settled(backend, out, client), overwrite, report, memory, shards, client),
+    )
     chapters: list[Chapter] = []
     ahead = None
     executed = case

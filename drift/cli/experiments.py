@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+from drift.cli import cards
 from drift.cli import given as take
 from drift.cli.answer import Answer
 from drift.output import interrupt
@@ -27,6 +28,7 @@ def experiment(given: argparse.Namespace) -> Answer:
             given.case, out, changes=changes, variants=variants, figures=given.figures, runs=given.runs,
             backend=given.backend, threads=given.threads, overwrite=given.overwrite, tell=tell,
         )  # fmt: skip
+    cards.say_choice(given)
     lines = (f"{found.runs:,} runs, each of {found.about}; seed {found.seed}", f"Results in {out}")
     return Answer(found.title, text.facts(found), lines, {"experiment": text.numbers(found)}, out)
 
@@ -45,6 +47,7 @@ def track(given: argparse.Namespace) -> Answer:
             given.case, out, changes=changes, backend=given.backend, threads=given.threads, overwrite=given.overwrite,
             tell=tell,
         )  # fmt: skip
+    cards.say_choice(given)
     lines = (f"Map in {out / 'track.png'}, all results in {out}",)
     return Answer(found.held.study.title, text.facts(found), lines, {"track": files.numbers(found)}, out)
 

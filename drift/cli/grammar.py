@@ -13,7 +13,7 @@ from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
 
 SHELLS = ("bash", "zsh", "fish", "tcsh")
-BACKENDS = ("cpu", "cuda", "vulkan", "metal")
+BACKENDS = ("cpu", "cuda", "vulkan", "metal", "auto")
 EXAMPLES = """examples:
   drift run overdue_boat
   drift plan overdue_boat
@@ -24,7 +24,8 @@ EXAMPLES = """examples:
   drift fetch my_case.toml --dry-run
   drift objects raft deep ballast
   drift fit-bridge ships.csv --every '6 h' --min-speed '5 kn' --hold-out
-  drift info currents/*.nc --plot currents.png"""
+  drift info currents/*.nc --plot currents.png
+  drift info --backend"""
 
 
 class Parser(argparse.ArgumentParser):
@@ -121,7 +122,7 @@ def parser() -> Parser:
     _add_output(objects, quiet=False)
 
     _add_info(commands)
-    serve.add(commands)
+    serve.add(commands, BACKENDS)
     return whole
 
 
@@ -167,7 +168,11 @@ def _add_results(command: argparse.ArgumentParser, folder: str) -> None:
     command.add_argument(
         "--threads", type=int, metavar="N", help="CPU threads (default: all); the result doesn't change"
     )
-    command.add_argument("--backend", choices=BACKENDS, default="cpu", help="where the particles move (default: cpu)")
+    command.add_argument(
+        "--backend", choices=BACKENDS, default="cpu",
+        help="where the particles move: on the processor or on a graphics card; auto: on a card if there is one and it is "
+        "worth it (default: cpu)",
+    )  # fmt: skip
     command.add_argument("--overwrite", action="store_true", help="replace results that the folder holds")
     _add_output(command)
 
@@ -340,10 +345,11 @@ def _add_sensor(commands: Any) -> None:
 
 
 def _add_info(commands: Any) -> None:
-    info = commands.add_parser("info", help="say how a forcing file was understood")
+    info = commands.add_parser("info", help="say how a forcing file was understood, or which graphics cards there are")
     info.add_argument(
-        "files", nargs="+", metavar="FILE", help="files of one source: joined in time, u and v may be apart"
+        "files", nargs="*", metavar="FILE", help="files of one source: joined in time, u and v may be apart"
     )
+    info.add_argument("--backend", action="store_true", help="list graphics cards, and what --backend auto takes")
     info.add_argument("--as", choices=tuple(QUANTITIES), dest="quantity", help="read the files as this quantity")
     info.add_argument(
         "--set",

@@ -205,6 +205,10 @@ def _started(
 
     scale = take.scale(given) if hasattr(given, "shards") else {}
     elsewhere = getattr(given, "workers", None) or getattr(given, "cluster", None)
+    with interrupt.leaving_at_once():
+        from drift.cli import cards
+
+        cards.start(given, out, case.particles, bool(elsewhere))
     needs = None if elsewhere else outlook.needs(case, scale.get("memory"), scale.get("shards"))
     for worth in (outlook.caution(case), needs):
         if worth:

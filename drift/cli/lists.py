@@ -4,8 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from drift.cli import cards, terminal
 from drift.cli import given as take
-from drift.cli import terminal
 from drift.cli.answer import Answer
 from drift.output import interrupt
 from geo.errors import UserError
@@ -121,7 +121,13 @@ def _numbers(drifter: Any) -> dict[str, Any]:
 
 
 def info(given: argparse.Namespace) -> Answer:
-    """Say how forcing files were understood."""
+    """Say how forcing files were understood, or which graphics cards there are."""
+    if given.backend and (given.files or given.quantity or given.changes or given.plot):
+        raise UserError("--backend lists graphics cards: give no files with it")
+    if given.backend:
+        return cards.listed()
+    if not given.files:
+        raise UserError("give forcing files, or --backend to list graphics cards. See: drift info --help")
     with interrupt.leaving_at_once():  # nothing is written
         from geo.forcing import describe
 

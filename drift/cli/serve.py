@@ -1,14 +1,15 @@
 """`drift serve`: its options, and its call."""
 
 import argparse
+from collections.abc import Sequence
 from typing import Any
 
 from drift.cli import terminal
 from drift.cli.answer import Answer
 
 
-def add(commands: Any) -> None:
-    """Add the command to the grammar."""
+def add(commands: Any, backends: Sequence[str]) -> None:
+    """Add the command to the grammar; backends: where particles can move."""
     serve = commands.add_parser("serve", help="edit, run and read cases in the browser (docs/serve.md)")
     serve.add_argument(
         "folder", nargs="?", default=".", metavar="FOLDER", help="cases and results (default: this folder)"
@@ -32,6 +33,12 @@ def add(commands: Any) -> None:
         "--memory", type=float, metavar="GIB",
         help="the most memory that a job may take (default: what the machine has; not on Windows)",
     )  # fmt: skip
+    serve.add_argument(
+        "--backend",
+        choices=backends,
+        default="cpu",
+        help="where particles of jobs move, as in drift run (default: cpu)",
+    )
     serve.add_argument("--no-browser", action="store_true", help="only print the address")
 
 
@@ -41,6 +48,6 @@ def run(given: argparse.Namespace) -> Answer:
 
     server.serve(
         given.folder, host=given.host, port=given.port, allow=given.allow, allow_host=given.allow_host,
-        hours=given.hours, memory=given.memory, browser=not given.no_browser, say=terminal.say,
+        hours=given.hours, memory=given.memory, backend=given.backend, browser=not given.no_browser, say=terminal.say,
     )  # fmt: skip
     return Answer()

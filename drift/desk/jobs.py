@@ -43,10 +43,11 @@ Lane = asyncio.Queue["Job"]
 
 @dataclass(frozen=True)
 class Limits:
-    """The most that a job may take."""
+    """The most that a job may take, and where its particles move."""
 
     hours: float = 12.0
     memory: float = float("inf")  # [GiB] of each of its processes
+    backend: str = "cpu"
 
 
 @dataclass
@@ -154,6 +155,7 @@ class Jobs:
         if (what := KINDS[job.kind]) is not None:
             job.out = _free(self._folder, f"{job.case.removesuffix('.toml')}-{what}")
             given += ["--out", str(self._folder / job.out)]
+            given += [] if self._limits.backend == "cpu" else ["--backend", self._limits.backend]
         # Python looks for modules where it starts: neither in the served folder, nor in any that others can write.
         path = [place for place in sys.path if place and Path(place).resolve() != self._folder]
         memory = int(self._limits.memory * GIB) if self._limits.memory < float("inf") else None

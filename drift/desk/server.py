@@ -5,6 +5,7 @@ import os
 import socket
 import webbrowser
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 from drift.desk.jobs import GIB, Limits
 from geo.errors import UserError
 from geo.files import fence
+from kernels import devices, drivers
 
 HOST, PORT = "127.0.0.1", 8765
 NEXT = 20  # ports that are tried after PORT
@@ -30,6 +32,7 @@ def serve(
     allow_host: Sequence[str] = (),
     hours: float = HOURS,
     memory: float | None = None,
+    backend: str = "cpu",
     browser: bool = True,
     say: Callable[[str], object] = print,
 ) -> None:
@@ -38,8 +41,8 @@ def serve(
     host: where it listens, this machine alone by default; port: by default 8765 or the next free one; allow: files and
     folders, besides the served one and that of DRIFT_DATA, that cases may read; allow_host: hosts of addresses that
     they may ask ("host" or "host:port"); hours, memory [GiB]: the most that a job may take, by default 12 h and what the
-    machine has; browser: whether it is opened; say: prints a line. Raises UserError where the
-    folder or the port will not do.
+    machine has; backend: where particles of jobs move; browser: whether it is opened; say: prints a line. Raises
+    UserError where the folder, the port or the backend will not do.
     """
     try:
         import uvicorn
@@ -50,7 +53,9 @@ def serve(
         raise UserError(f"drift serve needs {error.name}; pip install -e '.[serve]' where drift lies") from None
     place = _folder(folder)
     allowed = _allowed(place, allow, allow_host)
-    limits = _limits(hours, memory)
+    if backend in devices.CARDS:
+        devices.usable(drivers.ask(backend))
+    limits = replace(_limits(hours, memory), backend=backend)
     listening = _listen(host, port)
     with listening:
         number = listening.getsockname()[1]

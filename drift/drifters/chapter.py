@@ -45,7 +45,7 @@ def chapter(verification: Verification) -> Chapter:
         "source": f"casp-drift {version.__version__}",
         "versions": version.told(),
         "seed": str(case.seed),
-        "backend": runtime.backend(),
+        **runtime.about(),
         "forcing": "; ".join(f"{Path(given['path']).name}: {given['digest']}" for given in inputs),
         "coast": case.coast.source,
         "uncertainty": verification_text.errors(verification),

@@ -125,7 +125,7 @@ def fit_errors(
     notes = (*believed.notes, *seen.notes)
     if not seen.tracks:
         raise UserError(f"--drifters: no track is left; {'; '.join(notes)}")
-    runtime.start(backend, threads)
+    runtime.start(backend, threads, sum(track.time.size for track in seen.tracks))
     comparison = along.compared(case, seen.tracks, names, gap, fastest, datasets)
     tell("fit", 0.0)
     return of(comparison.ways, comparison.wind, (*notes, *comparison.notes), held_out=held_out)

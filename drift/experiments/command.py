@@ -47,7 +47,7 @@ def experiment(
         asked = tracking.load(name, changes | ({} if runs is None else {"experiment.runs": str(runs)}))
         if not isinstance(asked.target, Scene):
             raise UserError(f'"{name}" has detections, no [target] to be compared with: drift track {name}')
-        runtime.start(backend, threads)
+        runtime.start(backend, threads, asked.runs * len(asked.methods))
         with runtime.alone():
             coast = shore.of_study(asked)
             outcome = tracked.run(asked, None if coast is None else coast.device, partial(tell, "following"))
@@ -61,18 +61,18 @@ def experiment(
         )
     if folder is not None:
         tell("writing", 0.0)
-        _write(found, folder, backend, overwrite)
+        _write(found, folder, overwrite)
     return found
 
 
-def _write(found: Experiment, out: Path, backend: str, overwrite: bool) -> None:
+def _write(found: Experiment, out: Path, overwrite: bool) -> None:
     told = {
         "title": found.title,
         "source": f"casp-drift {version.__version__}",
         "versions": version.told(),
         "seed": str(found.seed),
         "case": found.text,
-        "backend": backend,
+        **runtime.about(),
         **formats.inputs(found.files),
     }
     imprint = Imprint(found.title, f"{told['source']}, seed {found.seed}", {**told, "run_id": formats.run_id(told)})

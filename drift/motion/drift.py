@@ -12,15 +12,15 @@ import numpy as np
 
 from drift.motion.forcing_error import Errors, ForcingError
 from drift.motion.leeway import Drifter
-from drift.motion.model import Group, Inside, Key, Model, Waters
+from drift.motion.model import Group, Key, Model, Waters
 from drift.motion.scenario import Scenario
 from drift.particles.ensemble import Column, Ensemble, Slots
-from geo.array import Array
 from kernels import advance as kernel
 from kernels import bridge
 from kernels import errors as errors_of
 from kernels import prior as draws
 from kernels.advance import Physics
+from kernels.bridge import Inside
 
 LEEWAY = kernel.LEEWAY
 ERRORS = errors_of.ROWS  # columns of errors of the forcing
@@ -91,22 +91,14 @@ def mover(ensemble: Ensemble, group: Group, waters: Waters, direction: int, bend
     )
 
 
-def between(
-    ensemble: Ensemble, terms: tuple[Physics | None, ...], place: kernel.Surroundings, inside: Inside
-) -> tuple[Array, Array]:
-    """Return where particles are inside a step: on a Brownian bridge about their drift.
+def between(ensemble: Ensemble, terms: tuple[Physics | None, ...], place: kernel.Surroundings, inside: Inside) -> None:
+    """Take positions on to a time inside a step: on a Brownian bridge about their drift.
 
     Its variance a component is 2 D s (1 - s) T at a share s of a way that takes T.
     """
-    diffusivity = np.repeat([term.diffusivity if term else 0.0 for term in terms], np.diff(ensemble.bounds))
-    variance = 2 * diffusivity * inside.share * (1 - inside.share) * inside.lasting
-    spread = np.where(inside.adrift, np.sqrt(variance), 0.0)
-    after = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
-    key = inside.seed, inside.moment
-    lon, lat = bridge.between(
-        inside.before, after, inside.share, inside.bend, spread, ensemble.places, *key, place.coast, place.polar
-    )
-    return lon, lat
+    diffusivity = np.array([term.diffusivity if term else -1.0 for term in terms])
+    shift = ensemble.batch(range(len(terms))).shift
+    bridge.between(ensemble, inside, diffusivity, shift, place.coast, place.polar)
 
 
 def still(terms: Physics) -> Physics:

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 from drift.motion.forcing_error import Errors
 from drift.motion.scenario import Scenario
 from drift.particles.ensemble import Column, Ensemble, Slots
-from geo.array import Array
 from kernels import advance as kernel
 from kernels.batch import Batch
+from kernels.bridge import Inside
 from kernels.sample import Ranges, Tiles
 
 Key = tuple[int, int]  # key of random numbers: kernels.noise.key
@@ -36,20 +36,6 @@ class Group(NamedTuple):
     terms: tuple[Terms, ...]  # of each
 
 
-class Inside(NamedTuple):
-    """A time inside a step that has just been made; arrays of shape (n,)."""
-
-    before: tuple[Array, Array]  # lon, lat [binary angle] where each particle's way in the step begins
-    share: Array  # share of its way that a particle has gone by then, 0 to 1
-    lasting: Array  # [s] that its way takes
-    # Of its whole way in the step: how it departs from its chord, float32 (4 n,); the share of it at which `before`
-    # lies, and the share at this time. See kernels.curve.
-    bend: tuple[Array, Array, Array]
-    adrift: Array  # bool: whether it is still adrift at the step's end
-    seed: int
-    moment: int  # together with seed and slot, the key of the noise at that time
-
-
 @dataclass(frozen=True)
 class Model:
     """How objects of one kind move.
@@ -66,8 +52,8 @@ class Model:
     # Returns what moves a group of scenarios over a step; int: direction in time.
     # Device array (4 n,) or None: takes how each way departs from its chord.
     mover: Callable[[Ensemble, Group, Waters, int, Any], kernel.Move]
-    # Returns lon, lat [binary angle] inside a step; terms by scenario, None for those that move by another model.
-    between: Callable[[Ensemble, tuple[Terms | None, ...], kernel.Surroundings, Inside], tuple[Array, Array]]
+    # Takes positions on to a time inside a step, in place; terms by scenario, None for those that move by another model.
+    between: Callable[[Ensemble, tuple[Terms | None, ...], kernel.Surroundings, Inside], None]
     # Returns terms that leave nothing to chance, so that the error of a step can be measured.
     still: Callable[[Terms], Terms]
     # Returns the longest steps [s] that the model allows, by the reason for each.

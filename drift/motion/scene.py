@@ -14,7 +14,7 @@ import numpy.typing as npt
 from drift.motion import guided
 from drift.motion.forcing import Forcing
 from drift.motion.guided import Guided
-from drift.motion.model import Group, Inside, Model, Motion, Waters
+from drift.motion.model import Group, Model, Motion, Waters
 from drift.motion.steer import Helm, Steering
 from drift.particles import life
 from drift.particles.ensemble import Device, Ensemble
@@ -24,6 +24,7 @@ from geo.array import Array
 from kernels import advance as kernel
 from kernels import coast as device_coast
 from kernels import curve, noise, runtime
+from kernels.bridge import Inside
 from kernels.curve import Straight
 from kernels.noise import Purpose
 from kernels.sample import Ranges, ordered
@@ -147,36 +148,32 @@ class Scene:
         kept: where they were at an earlier time inside the step, if that has been asked and is to hold; start: of the
         run [s since 1970].
         """
-        end = step.elapsed + step.duration
-        since = kept.since if kept else step.elapsed
-        lives = life.read(ensemble)
-        whole, begun = lives.share(step.elapsed, end, time), lives.share(step.elapsed, end, since)
-        released = ensemble.release.to_numpy()
-        adrift_from = begin.lon.to_numpy(), begin.lat.to_numpy()
-        if kept:
-            known = released <= since
-            adrift_from = np.where(known, kept.lon, adrift_from[0]), np.where(known, kept.lat, adrift_from[1])
-        left, finish = lives.way(since, end)
-        lasting, share = np.maximum(finish - left, 1), lives.share(since, end, time)
+        end, since = step.elapsed + step.duration, kept.since if kept else step.elapsed
         moment = (start + step.direction * time) % 2**31
         purpose = Purpose.DEBRIS_BRIDGE if self.place.debris else Purpose.RUN
         seed = noise.seed_for(ensemble.seed, purpose, self.place.debris)
-        bend = begin.bend.to_numpy(), begun, whole
-        inside = Inside(adrift_from, share, lasting, bend, lives.status == Status.ADRIFT, seed, moment)
-        lon, lat = inside.before
+        places = self._from(ensemble, begin, kept)
+        inside = Inside(*places, begin.bend, step.elapsed, end, since, time, seed, moment)
         for model in dict.fromkeys(model for model, _ in self.motions):
             terms = tuple(terms if own is model else None for own, terms in self.motions)
-            mine = np.repeat([own is model for own, _ in self.motions], np.diff(ensemble.bounds))
-            there = model.between(ensemble, terms, self.place, inside)
-            lon, lat = (np.where(mine, new, old) for new, old in zip(there, (lon, lat), strict=True))
+            model.between(ensemble, terms, self.place, inside)
+        lon, lat = (column.to_numpy() for column in places)
         helm = self.helm(ensemble)
         if helm and begin.helm:
             steers = np.isin(ensemble.scenario.to_numpy(), self.steering.scenarios if self.steering else ())
             own = kept or Kept(begin.helm["lon"].to_numpy(), begin.helm["lat"].to_numpy(), since)
             there = helm.inside(begin.helm, (own.lon, own.lat), since, step, time, moment)
-            mine = steers & (time < released)
+            mine = steers & (time < ensemble.release.to_numpy())
             lon, lat = (np.where(mine, new, old) for new, old in zip(there, (lon, lat), strict=True))
         return lon, lat
+
+    def _from(self, ensemble: Ensemble, begin: Begin, kept: Kept | None) -> tuple[Device, Device]:
+        """Return copies of where particles began the step, or where they were when that was asked: lon, lat."""
+        if kept is None:
+            return runtime.copy(begin.lon), runtime.copy(begin.lat)
+        known = ensemble.release.to_numpy() <= kept.since
+        lon = runtime.upload(np.where(known, kept.lon, begin.lon.to_numpy()))
+        return lon, runtime.upload(np.where(known, kept.lat, begin.lat.to_numpy()))
 
     def velocity(self, ensemble: Ensemble, begin: Begin, step: kernel.Step, time: int) -> tuple[Array, Array]:
         """Return (east, north) [m/s] over ground of particles at a time inside the step just made, (n,).

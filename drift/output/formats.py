@@ -52,7 +52,8 @@ def run_id(attributes: Mapping[str, Any]) -> str:
 
     It is the same in all files of the run. No spreadsheet takes it for a number or a date.
     """
-    names = ["case", "seed", "forcing", "coast", "versions", "backend", *(["inputs"] if "inputs" in attributes else [])]
+    names = ["case", "seed", "forcing", "coast", "versions", "backend"]
+    names += [name for name in ("device", "inputs") if name in attributes]
     text = "\0".join(f"{name}={attributes.get(name, '')}" for name in names)
     return f"{hashlib.sha256(text.encode()).hexdigest()[:10]}-s{attributes.get('seed', '')}"
 

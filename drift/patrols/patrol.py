@@ -41,7 +41,10 @@ def patrol(
             f"{case.path.name}: has no [[patrol_unit]] to plan with: "
             "give each its length a day, detection and first patrol"
         )
-    job = opened(case, Options(out, datasets, threads, backend, overwrite, report, memory, shards, client))
+    job = opened(
+        case,
+        Options(out, datasets, threads, shelf.settled(backend, out, client), overwrite, report, memory, shards, client),
+    )
     assert job.where.coast is not None
     segments = evidence.cut(case.spill, job.where.coast)
     asked = case.coast

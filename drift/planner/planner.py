@@ -56,7 +56,10 @@ def plan(
     drift.run takes them. Raises UserError for all that the user can mend.
     """
     check(case)
-    job = opened(case, Options(out, datasets, threads, backend, overwrite, report, memory, shards, client))
+    job = opened(
+        case,
+        Options(out, datasets, threads, shelf.settled(backend, out, client), overwrite, report, memory, shards, client),
+    )
     proposed, executed, result = scheme(job)
     if job.out is not None:
         shown = None if proposed.shares is None else likeliest.of(proposed.shares)

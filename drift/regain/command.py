@@ -39,7 +39,7 @@ def track(
         )
     land = chase.land()
     chase.check(asked, land)
-    runtime.start(backend, threads)
+    runtime.start(backend, threads, 1 + holding.OTHERS)
     with runtime.alone():
         coast = shore.of_study(asked)
         held = holding.hold(asked, coast, partial(tell, "following"))
@@ -47,11 +47,11 @@ def track(
         found = Regained(held, chase.chased(asked, land, None if coast is None else coast.device))
     if folder is not None:
         tell("writing", 0.0)
-        _write(found, folder, backend, overwrite, land)
+        _write(found, folder, overwrite, land)
     return found
 
 
-def _write(found: Regained, out: Path, backend: str, overwrite: bool, land: Land) -> None:
+def _write(found: Regained, out: Path, overwrite: bool, land: Land) -> None:
     asked = found.held.study
     told = {
         "title": asked.title,
@@ -59,7 +59,7 @@ def _write(found: Regained, out: Path, backend: str, overwrite: bool, land: Land
         "versions": version.told(),
         "seed": str(asked.seed),
         "case": asked.text,
-        "backend": backend,
+        **runtime.about(),
         **formats.inputs(asked.files),
     }
     about = "A heuristic, no Bayes: take areas as rough (docs/tracking.md)."

@@ -28,6 +28,7 @@ from drift.start import Setup
 from geo.array import Array
 from geo.errors import UserError
 from kernels import coast as device_coast
+from kernels import devices, runtime
 from kernels import memory as machine_memory
 from kernels.coast import DeviceCoast
 
@@ -38,6 +39,7 @@ WEIGHED = 6_000  # [bytes] a world of a spill while finds weigh it
 TOLD = 150  # [bytes] more for each output: 8,600 in all were seen at 21
 LEAST = 2**16  # particles in a shard, if memory is scarce
 LOSS = 2**20  # particles in a shard at most: what is under way is lost when a run is stopped
+LOSS_CARD = 2**23  # on a graphics card, which is expected to move as many in the same time (docs/backends.md)
 PER_WORKER = 4  # shards at least, so that none waits long for another at the end
 
 
@@ -64,9 +66,11 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
     """Return how many shards a run is cut into: as many as is said, or as its memory and the loss at a stop ask for.
 
     memory: [GiB] that it may take on one machine, by default half of what is free. workers: that move them; None: this
-    process does. 1 without workers is a run in one piece. Raises UserError for what cannot be.
+    process does. 1 without workers is a run in one piece. On a graphics card a shard must fit into half of what the card
+    has left, too. Raises UserError for what cannot be.
     """
     at_once = workers.together if workers else 1
+    card = None if workers else runtime.room()
     least = at_once * (BASE + HELD * LEAST) / GIB
     if memory is not None and not isinstance(memory, int | float):
         raise UserError(f"memory = {memory!r}: give a number of GiB")
@@ -89,6 +93,7 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
                 f'particles: {case.particles:,} in one piece, as [resampling] method = "{case.resampling.method}" asks for, take '
                 f"{_up(whole)} GiB of memory, and {machine_memory.free() / GIB:.1f} GiB are free; give fewer"
             )
+        _refuse_beyond(card, case, case.particles, "particles", "give fewer, or use --backend cpu")
         return 1
     spill = case.spill
     weighed = (BASE + (WEIGHED + TOLD * case.outputs.size) * spill.worlds) / GIB if spill else 0.0
@@ -107,13 +112,27 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
             raise UserError(
                 f"--shards {shards}: so large they take {_up(each)} GiB, and --memory is {memory:.3g} (GiB); give one of them"
             )
+        _refuse_beyond(card, case, math.ceil(case.particles / shards), f"--shards {shards}", "give more shards")
         return shards
     if memory is not None:
         room = min(memory * GIB / at_once, workers.limit if workers else math.inf)
     else:
         room = min(workers.free, workers.limit) / 2 if workers else machine_memory.free() / 2
-    size = min(max(int((room - BASE) / held(case)), LEAST), LOSS)
+    size = max(int((room - BASE) / held(case)), LEAST)
+    if card is not None:
+        size = min(size, max(int((card / 2 - devices.LEAST) / held(case)), LEAST))
+    size = min(size, LOSS if card is None else LOSS_CARD)
     return min(max(math.ceil(case.particles / size), PER_WORKER * (workers.count if workers else 0), 1), most)
+
+
+def _refuse_beyond(card: int | None, case: Case, particles: int, what: str, remedy: str) -> None:
+    """Raise UserError where particles in one piece do not fit into what a graphics card has left [bytes]."""
+    need = devices.LEAST + particles * held(case)
+    if card is not None and need > card:
+        raise UserError(
+            f"{what}: {particles:,} particles at once take {_up(need / GIB)} GiB of the graphics card, of which "
+            f"{card / GIB:.1f} GiB are free; {remedy}"
+        )
 
 
 def _up(size: float) -> str:

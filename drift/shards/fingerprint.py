@@ -18,7 +18,7 @@ def of(case: Case, where: Environment, many: int) -> dict[str, str]:
         **of_machine(),
         "the case": said.digest(case, moves=True),
         "the seed": told["seed"],
-        "the backend": told["backend"],
+        work.BACKEND: ": ".join(told[name] for name in ("backend", "device") if name in told),
         "the forcing": f"{told['forcing']}; {files}",
         "the coast": told["coast"],
         work.NUMBER: str(many),

@@ -12,6 +12,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +23,10 @@ from drift.environment.environment import Environment
 from drift.motion.scene import Scene
 from drift.motion.spool import BYTES, BYTES_END
 from drift.output import hidden
-from drift.shards.work import ABOUT, FORCING, INDICES, LOG, NUMBER, Work, mark_of, replace, run_of
+from drift.shards.work import ABOUT, BACKEND, FORCING, INDICES, LOG, NUMBER, Work, mark_of, replace, run_of
 from geo import notation
 from geo.errors import UserError
+from kernels import runtime
 
 NOTED = 80  # [bytes] a particle and update, about: weights, and the quantities of which posteriors are told
 STATE, DEBRIS = 200, 100  # [bytes] a particle where shards meet, about; more for each kind of debris
@@ -113,6 +115,17 @@ def begun(out: Path, fingerprint: Mapping[str, str]) -> int | None:
     if before is None or any(before.get(name) != value for name, value in fingerprint.items() if name != NUMBER):
         return None
     return int(before[NUMBER]) if str(before.get(NUMBER)).isdecimal() else None
+
+
+def settled(backend: str, out: str | os.PathLike[str] | None, client: Any = None) -> str:
+    """Return a backend, and in place of AUTO the one on which an unfinished run to a folder was moved, if there is one.
+
+    On another one nothing that is finished would count. client: of workers, who have processors alone.
+    """
+    if backend != runtime.AUTO or out is None or client is not None:
+        return backend
+    before = str((mark_of(of(Path(out))) or {}).get(BACKEND, "")).partition(":")[0]
+    return before if before in runtime.BACKENDS else backend
 
 
 def clear(out: Path, fingerprint: Mapping[str, str] | None = None) -> None:

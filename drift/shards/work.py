@@ -27,7 +27,7 @@ from drift.particles.ensemble import Layout
 from geo.errors import UserError
 
 ABOUT = "about.json"
-NUMBER = "the number of shards"  # in the fingerprint
+NUMBER, BACKEND = "the number of shards", "the backend"  # in the fingerprint
 INDICES = "shard-*.json"
 KINDS_OF_FILES = ("shard", "state", "drawn")  # of stretches, of where they ended, of who was drawn anew there
 FORCING = "forcing"  # folder of slices, which all shards sample and one makes

@@ -503,13 +503,15 @@ def test_of_two_servers_that_save_the_same_case_one_is_told(tmp_path: Path, monk
     assert (tmp_path / "case.toml").read_text(encoding="utf-8") == sorted(told)[1]
 
 
-def ended(folder: Path, monkeypatch: pytest.MonkeyPatch, does: str, limits: jobs.Limits, cancel: str = "") -> jobs.Job:
+def ended(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, does: str, limits: jobs.Limits, cancel: str = "", kind: str = "check"
+) -> jobs.Job:
     """Return a job, once it is over, whose process does something else; cancel: a line of its log upon which it is."""
 
     async def carried_out() -> jobs.Job:
         waiting = jobs.Jobs(folder, fence.Fence((folder,)), limits)
         await waiting.open()
-        job = waiting.add("check", "case.toml", shelf.read(folder, "case.toml")[1])
+        job = waiting.add(kind, "case.toml", shelf.read(folder, "case.toml")[1])
         assert job is not None
         for _ in range(300):
             if job.over:
@@ -534,6 +536,18 @@ def test_a_job_works_in_an_empty_folder_of_its_own(tmp_path: Path, monkeypatch: 
     assert not Path(place).is_relative_to(tmp_path)
     assert not Path(place).is_relative_to(Path.cwd())
     assert not Path(place).exists()  # any more
+
+
+@pytest.mark.parametrize(
+    ("kind", "backend", "given"), [("run", "auto", True), ("run", "cpu", False), ("check", "auto", False)]
+)
+def test_a_job_is_given_the_backend_that_is_served(
+    kind: str, backend: str, given: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tells = "import sys; print(' '.join(sys.argv[1:])); (lambda memory: None)"
+    job = ended(tmp_path, monkeypatch, tells, jobs.Limits(backend=backend), kind=kind)
+    assert job.lines[0].endswith("--backend auto") == given
+    assert ("--backend" in job.lines[0]) == given
 
 
 def test_the_processes_of_a_job_end_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,16 +7,16 @@ from drift.motion import simulate
 from drift.motion.clock import Clock
 from drift.motion.drift import COLUMNS, DRIFT
 from drift.motion.forcing import Forcing, Sources
-from drift.motion.model import Group, Inside, Model, Motion
+from drift.motion.model import Group, Model, Motion
 from drift.motion.models import MODELS
 from drift.motion.scene import Scene
 from drift.particles import ensemble as record
 from drift.particles.ensemble import Column, Ensemble
 from drift.particles.status import Status
 from geo import sphere
-from geo.array import Array
 from geo.forcing import sources
 from kernels import advance as kernel
+from kernels.bridge import Inside
 
 EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
 SPEED = Column("speed", np.float32, 3.0, "m/s", "toward the north")
@@ -38,9 +38,8 @@ def mover(ensemble: Ensemble, group: Group, waters: object, direction: int, bend
     return move
 
 
-def between(ensemble: Ensemble, terms: object, place: kernel.Surroundings, inside: Inside) -> tuple[Array, Array]:
-    """Return where it was first: this model stays till the end of a step, and leaps."""
-    return inside.before
+def between(ensemble: Ensemble, terms: object, place: kernel.Surroundings, inside: Inside) -> None:
+    """Leave it where it was first: this model stays till the end of a step, and leaps."""
 
 
 NORTH = Model(

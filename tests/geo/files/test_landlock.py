@@ -161,3 +161,27 @@ def test_a_system_without(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> No
 
     monkeypatch.setattr(landlock, "_call", refuse)
     assert not landlock.enclose([tmp_path])
+
+
+CARDS = """
+import sys
+from drift.cli import tethered
+tethered.enclose(cards=True)
+from kernels import drivers
+print(drivers.ask("vulkan").devices == (), end=" ")
+try:
+    open(sys.argv[1]).read()
+except PermissionError:
+    print("held")
+"""
+
+
+@needs
+def test_graphics_cards_are_still_listed_and_other_files_are_not_read(
+    inside: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where a command may use cards; here the software device of Vulkan stands in for one."""
+    from kernels import drivers
+
+    none = drivers.ask("vulkan").devices == ()
+    assert done(CARDS, str(inside.parent / "secret.nc"), folder=inside, monkeypatch=monkeypatch) == f"{none} held\n"

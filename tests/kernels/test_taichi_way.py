@@ -1,0 +1,112 @@
+"""Taichi by its insides, in one file, and by its public interface alone: the same bits."""
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from places import ROOT
+
+from kernels import taichi_inside, taichi_public
+
+KERNELS = ROOT / "kernels"
+RUN = """
+import hashlib, sys
+import numpy as np
+import drift
+from kernels import runtime, taichi_way
+runtime.start(threads=2)
+print("inside" if taichi_way.inside else "public")
+for name, changes in (
+    ("overdue_boat", {"particles": 600, "resampling": {"below": 0.5}}),
+    ("overdue_yacht", {"particles": 300}),
+    ("smuggler_bridge", {"particles": 300}),
+):
+    tracks = drift.run(drift.vary(drift.load(name), changes)).particles
+    total = hashlib.sha256(b"".join(np.ascontiguousarray(tracks[key].values).tobytes() for key in ("lon", "lat", "status")))
+    print(name, total.hexdigest())
+"""
+WAY = "import taichi; taichi.__version__ = {}; from kernels import taichi_way; print(taichi_way.inside, taichi_way.way.__name__)"
+
+
+def done(code: str, **environment: str) -> list[str]:
+    """Return what a process of its own prints."""
+    own = {name: value for name, value in os.environ.items() if name != "DRIFT_PLAIN_TAICHI"}
+    one = subprocess.run(
+        [sys.executable, "-c", code],
+        env=own | {"PYTHONPATH": str(ROOT)} | environment,
+        capture_output=True,
+        text=True,
+        timeout=280,
+        check=True,
+    )
+    return one.stdout.splitlines()
+
+
+@pytest.mark.slow
+def test_both_ways_give_the_same_bits() -> None:
+    """Drift, coast, sorties, resampling; targets that steer, looks and bridges: columns, groups, nodes and launches."""
+    inside, public = done(RUN), done(RUN, DRIFT_PLAIN_TAICHI="1")
+    assert (inside[0], public[0]) == ("inside", "public")
+    assert len(inside) == 4
+    assert inside[1:] == public[1:]
+
+
+@pytest.mark.parametrize(
+    ("version", "environment", "way"),
+    [
+        ("(1, 7, 4)", {}, "True kernels.taichi_inside"),
+        ("(1, 7, 4)", {"DRIFT_PLAIN_TAICHI": "0"}, "True kernels.taichi_inside"),
+        ("(1, 7, 4)", {"DRIFT_PLAIN_TAICHI": "1"}, "False kernels.taichi_public"),
+        ("(1, 8, 0)", {}, "False kernels.taichi_public"),
+        ("(1, 7, 3)", {}, "False kernels.taichi_public"),
+    ],
+)
+def test_insides_are_used_of_the_release_that_is_known_alone(
+    version: str, environment: dict[str, str], way: str
+) -> None:
+    assert done(WAY.format(version), **environment) == [way]
+
+
+def test_no_other_file_reaches_into_taichi() -> None:
+    """By imports from below the package's top; what compiles kernels is reached through `taichi_way.way`."""
+    reaching = set()
+    for path in [*KERNELS.glob("*.py"), *(ROOT / "drift").rglob("*.py"), *(ROOT / "geo").rglob("*.py")]:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom | ast.Import):
+                first = getattr(node, "module", None) or ""
+                names = [first, *(f"{first}.{alias.name}".strip(".") for alias in node.names)]
+                if any(name.startswith(("taichi._", "taichi.lang", "taichi.types")) for name in names):
+                    reaching.add(path.name)
+            if isinstance(node, ast.Attribute) and node.attr in ("_primal", "lang", "_lib"):
+                reaching.add(path.name)
+    assert reaching == {"taichi_inside.py"}
+
+
+def test_the_public_way_is_public() -> None:
+    tree = ast.parse((KERNELS / "taichi_public.py").read_text(encoding="utf-8"))
+    attributes = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    assert not {name for name in attributes if name.startswith("_")}
+
+
+def test_both_ways_have_the_same_functions() -> None:
+    for name in ("begin", "bind", "cache", "column", "copy_into", "nodes", "pack", "pairs"):
+        assert callable(getattr(taichi_inside, name))
+        assert callable(getattr(taichi_public, name))
+    used = {
+        node.attr
+        for name in ("runtime.py", "launch.py")
+        for node in ast.walk(ast.parse((KERNELS / name).read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "way"
+    }
+    assert used == {"begin", "bind", "cache", "column", "copy_into", "nodes", "pack", "pairs"}
+
+
+def test_the_folder_of_compiled_kernels_is_the_same_in_both_ways(tmp_path: Path) -> None:
+    """In a home of its own, which Taichi reads from the environment."""
+    code = "from pathlib import Path; from kernels import taichi_inside, taichi_public as public; "
+    code += "print(Path(taichi_inside.cache()) == public.cache())"
+    if sys.platform == "linux":
+        assert done(code, HOME=str(tmp_path)) == ["True"]
