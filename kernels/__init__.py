@@ -6,6 +6,8 @@ dtypes   types of scalars
 runtime  start a backend; host arrays <-> device arrays
 devices, drivers  graphics cards: which one is taken, and what their drivers list
 taichi_way  Taichi by its insides (taichi_inside), or by its public interface alone (taichi_public)
+rows     columns in the rows of one array: a card binds few arrays to a kernel
+tables   tables of two dimensions: the numbers of one thing side by side
 launch   arguments in groups; a kernel with its arguments set once
 batch    the slots that one launch works on
 bundle   particles that a kernel moves side by side

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from kernels import batch, bundle, curve, errors, guide, integrate, launch, life, noise, runtime, shore, sphere
+from kernels import batch, bundle, curve, errors, guide, integrate, launch, life, noise, rows, runtime, shore, sphere
 from kernels.batch import Batch
 from kernels.coast import POLEWARD, Coast, DeviceCoast, Ints, Reals, open_sea
 from kernels.errors import Physics as Physics
@@ -50,28 +50,27 @@ LONGEST = 1.0e6  # [m] the same where the domain holds a pole
 f32x2 = ti.types.vector(2, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
 
-# The columns of an ensemble, of shape (n,) each: those that every model of motion has, and those of this one.
+# The columns of an ensemble, of shape (n,) each: those that every model of motion has, and those of this one, some of
+# which stand in the rows of one array (kernels.rows).
 CORE = {
     **dict.fromkeys(("lon", "lat", "status", "release", "status_since", "edge", "sink_time", "moving_since"), Ints),
     "scenario": Ints,
     "log_weight": Reals,
 }
-OWN = {
-    "side": Ints,
-    **dict.fromkeys(
-        (
-            *("down_slope", "down_offset", "right_slope", "right_offset", "left_slope", "left_offset"),
-            *("current_error_east", "current_error_north", "wind_error_east", "wind_error_north"),
-            *("current_bias_east", "current_bias_north"),
-        ),
-        Reals,
-    ),
-}
+LEEWAY = ("down_slope", "down_offset", "right_slope", "right_offset", "left_slope", "left_offset")
+OWN = ("side", *LEEWAY, *errors.ROWS)
 
 
 # The arguments of the kernel in groups: arrays in packs, numbers in structures.
 CoreColumns = ti.types.argpack(**CORE)
-OwnColumns = ti.types.argpack(**OWN, **dict.fromkeys(guide.NUDGES, Reals), member_of=Ints, bend=Reals)
+OwnColumns = ti.types.argpack(
+    side=Ints,
+    leeway_rows=Reals,  # (6 n,) rows LEEWAY
+    error_rows=Reals,  # (6 n,) rows errors.ROWS
+    nudge_rows=Reals,  # (4 n,) rows guide.NUDGES
+    member_of=Ints,
+    bend=Reals,
+)
 Terms = ti.types.struct(
     direction=ti.f32,  # +1 forward in time, -1 backward
     seed0=ti.u32,
@@ -165,49 +164,52 @@ def _muster(
         if ti.static(features & REFLOAT):
             held.waits[0, j] = ti.cast(state == ASHORE, ti.i32)
         held.place[0, j], held.place[1, j] = core.lon[i], core.lat[i]
+        n = core.lon.shape[0]  # a row's length
         if ti.static(features & ERRORS):
-            held.errors[0, j], held.errors[1, j] = own.current_error_east[i], own.current_error_north[i]
-            if ti.static(features & WIND):
-                held.errors[2, j], held.errors[3, j] = own.wind_error_east[i], own.wind_error_north[i]
+            for k in ti.static(range(4 if features & WIND else 2)):
+                held.errors[k, j] = own.error_rows[k * n + i]
             if ti.static(features & GUIDED):
-                held.nudge[0, j], held.nudge[1, j] = own.nudge_current_east[i], own.nudge_current_north[i]
-                held.nudge[2, j], held.nudge[3, j] = own.nudge_wind_east[i], own.nudge_wind_north[i]
+                for k in ti.static(range(4)):
+                    held.nudge[k, j] = own.nudge_rows[k * n + i]
         if ti.static(features & BIAS):
-            held.bias[0, j], held.bias[1, j] = own.current_bias_east[i], own.current_bias_north[i]
+            for k in ti.static(range(2)):
+                held.bias[k, j] = own.error_rows[(errors.CURRENT_BIAS + k) * n + i]
         if ti.static(features & MEMBERS):
             held.member[0, j] = own.member_of[i]
         if ti.static(features & WIND):
             held.side[0, j] = own.side[i]
-            held.line[0, j], held.line[1, j] = own.down_slope[i], own.down_offset[i]
-            held.line[2, j], held.line[3, j] = own.right_slope[i], own.right_offset[i]
-            held.line[4, j], held.line[5, j] = own.left_slope[i], own.left_offset[i]
+            for k in ti.static(range(6)):
+                held.line[k, j] = own.leeway_rows[k * n + i]
 
 
 @ti.func
-def _keep(features: ti.template(), j: ti.i32, held: ti.template(), own: ti.template()):
-    """Keep the errors and the side of particle j of the bundle that have been drawn."""
+def _keep(features: ti.template(), j: ti.i32, held: ti.template(), own: ti.template(), n: ti.i32):
+    """Keep the errors and the side of particle j of the bundle that have been drawn; n: length of a row."""
     i = held.i[0, j]
     if ti.static(features & ERRORS):
-        own.current_error_east[i], own.current_error_north[i] = held.errors[0, j], held.errors[1, j]
-        if ti.static(features & WIND):
-            own.wind_error_east[i], own.wind_error_north[i] = held.errors[2, j], held.errors[3, j]
+        for k in ti.static(range(4 if features & WIND else 2)):
+            own.error_rows[k * n + i] = held.errors[k, j]
     if ti.static(features & JIBE):
         own.side[i] = held.side[0, j]
 
 
 @ti.func
-def _carry(features: ti.template(), held: ti.template(), j: ti.i32, turn: f32x2, own: ti.template()):
-    """Carry the errors of particle j of the bundle along its way, on which east and north turn: see sphere.convergence."""
+def _carry(
+    features: ti.template(), held: ti.template(), j: ti.i32, turn: f32x2, own: ti.template(), n: ti.i32
+):  # fmt: skip
+    """Carry the errors of particle j of the bundle along its way, on which east and north turn.
+
+    See sphere.convergence; n: length of a row.
+    """
     i = held.i[0, j]
     if ti.static(features & ERRORS):
-        current = sphere.carried_on(f32x2(held.errors[0, j], held.errors[1, j]), turn)
-        own.current_error_east[i], own.current_error_north[i] = current[0], current[1]
-        if ti.static(features & WIND):
-            wind = sphere.carried_on(f32x2(held.errors[2, j], held.errors[3, j]), turn)
-            own.wind_error_east[i], own.wind_error_north[i] = wind[0], wind[1]
+        for k in ti.static((errors.CURRENT_ERROR, errors.WIND_ERROR) if features & WIND else (errors.CURRENT_ERROR,)):
+            error = sphere.carried_on(f32x2(held.errors[k, j], held.errors[k + 1, j]), turn)
+            own.error_rows[k * n + i], own.error_rows[(k + 1) * n + i] = error[0], error[1]
     if ti.static(features & BIAS):
         bias = sphere.carried_on(f32x2(held.bias[0, j], held.bias[1, j]), turn)
-        own.current_bias_east[i], own.current_bias_north[i] = bias[0], bias[1]
+        for k in ti.static(range(2)):
+            own.error_rows[(errors.CURRENT_BIAS + k) * n + i] = bias[k]
 
 
 @ti.func
@@ -386,7 +388,7 @@ def _advance(
                 held.far[0, j] = ti.cast(far, ti.i32)
         for j in range(width):
             if held.moving[0, j] == 1:
-                _keep(features, j, held, own)
+                _keep(features, j, held, own, core.lon.shape[0])
             # Where the drift leads onto the beach, the particle waits for one that leads off it.
             if held.moving[0, j] == 1 and held.sets_off[0, j] > 0.5:
                 i, slot = held.i[0, j], held.slot[0, j]
@@ -420,7 +422,8 @@ def _advance(
                         if x_end != x + move_lon or y_end != y + move_lat:
                             known = True  # it slid along the shore: a stage that found no forcing lay inland
                 if ti.static(features & POLAR):
-                    _carry(features, held, j, sphere.convergence(x, y, x_end, y_end), own)
+                    turned = sphere.convergence(x, y, x_end, y_end)
+                    _carry(features, held, j, turned, own, core.lon.shape[0])
                 if terms.keeps == 1:
                     if met == 1:
                         curved = curve.cut_short(curved, part)
@@ -569,8 +572,10 @@ def mover(
         launch.pack(CoreColumns, *(getattr(ensemble, name) for name in CORE)),
         launch.pack(
             OwnColumns,
-            *(ensemble.own[name] for name in OWN),
-            *guide.nudges_of(ensemble.own, place.guided),
+            ensemble.own["side"],
+            rows.whole(ensemble.own, LEEWAY),
+            rows.whole(ensemble.own, errors.ROWS),
+            guide.nudges_of(ensemble.own, place.guided),
             members_of(ensemble.own, tiles),
             bend if keeps else runtime.empty(4),
         ),

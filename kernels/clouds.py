@@ -23,8 +23,12 @@ from kernels.follower import (
     NEVER,
     Cloud,
     Doubles,
-    Ints,
+    DoubleTable,
+    IntTable,
+    Leg,
     Legs,
+    Own,
+    Rule,
     Rules,
     act,
     along,
@@ -51,31 +55,47 @@ BLOCK = 512  # turns of a loop that Taichi never parts between threads: one clou
 LEAST = 0.1 / 32  # least weight, as a share of the fastest speed: a tenth of a knot where that is 32
 PLACES = 64  # places drawn for a particle until one is in water; without one it is not there
 
-Tracks = ti.types.argpack(
-    track_run=Ints,  # key of the random numbers: clouds of one run share them
-    track_rules=Ints,  # row of Rules
-    track_first=Ints,  # its sweeps are those from `first` to before `last`
-    track_last=Ints,
-    track_first_leg=Ints,  # its tracker's legs
-    track_last_leg=Ints,
-    track_first_row=Ints,  # of the estimates: that of a sweep is this and its `row`
-    track_count=Ints,  # particles that count
-    track_drawn=Ints,  # particles drawn so far
-    track_estimate=Doubles,  # (5 n,) stored: unit vector, speed [rad/s] (< 0: there is none yet) and time [s]
-    track_lost=Doubles,  # [s] when it was lost last; NaN: never
-    track_left=Doubles,  # (3 n,) of the last time of detections: share of the cloud that they left before it was filled, < 0: there was none; 1 where so few were left that it was drawn anew; and that time [s]
-)  # fmt: skip
 
-Sweeps = ti.types.argpack(
-    sweep_time=Doubles,  # [s]
-    sweep_place=Doubles,  # (3 n,) unit vector of the sensor; at a mark of the target
-    sweep_bearing=Doubles,  # [rad] of the detection
-    sweep_half=Doubles,  # [rad] its box on either side; pi: all round
-    sweep_near=Doubles,  # [rad] its box, or how far a sensor reaches that found nothing
-    sweep_far=Doubles,
-    sweep_outcome=Ints,  # SILENT, DETECTED or MARK
-    sweep_row=Ints,  # of the estimates, or -1
-)  # fmt: skip
+class Track:
+    """What stands in which column of the tables of clouds: see kernels.follower.Own."""
+
+    ESTIMATE = 0  # stored: unit vector, speed [rad/s] (< 0: there is none yet) and time [s]
+    LOST = 5  # [s] when it was lost last; NaN: never
+    # Of the last time of detections: share of the cloud that they left before it was filled, < 0: there was none; 1 where
+    # so few were left that it was drawn anew; and that time [s].
+    LEFT = 6
+    REAL = 9
+
+    RUN = 0  # key of the random numbers: clouds of one run share them
+    RULES = 1  # row of Rules
+    FIRST = 2  # its sweeps are those from `first` to before `last`
+    LAST = 3
+    FIRST_LEG = 4  # its tracker's legs
+    LAST_LEG = 5
+    FIRST_ROW = 6  # of the estimates: that of a sweep is this and its `row`
+    COUNT = 7  # particles that count
+    DRAWN = 8  # particles drawn so far
+    WHOLE = 9
+
+
+class Sweep:
+    """What stands in which column of the tables of sweeps."""
+
+    TIME = 0  # [s]
+    PLACE = 1  # unit vector of the sensor; at a mark of the target
+    BEARING = 4  # [rad] of the detection
+    HALF = 5  # [rad] its box on either side; pi: all round
+    NEAR = 6  # [rad] its box, or how far a sensor reaches that found nothing
+    FAR = 7
+    REAL = 8
+
+    OUTCOME = 0  # SILENT, DETECTED or MARK
+    ROW = 1  # of the estimates, or -1
+    WHOLE = 2
+
+
+Tracks = ti.types.argpack(track_real=DoubleTable, track_whole=IntTable)
+Sweeps = ti.types.argpack(sweep_real=DoubleTable, sweep_whole=IntTable)
 
 # Of an estimate; velocities [rad/s]. level: share of the cloud that lies where it is denser than at the target; NaN: not asked.
 # lost: when the track was lost last [s]; left, anew: see Tracks: these are told without a track too
@@ -96,35 +116,44 @@ def cut(
     was, and the sums over what is left: of weights, and by weight of speeds, places and velocities.
     """
     time, outcome, bearing, half = (
-        sweeps.sweep_time[e],
-        sweeps.sweep_outcome[e],
-        sweeps.sweep_bearing[e],
-        sweeps.sweep_half[e],
+        sweeps.sweep_real[e, Sweep.TIME],
+        sweeps.sweep_whole[e, Sweep.OUTCOME],
+        sweeps.sweep_real[e, Sweep.BEARING],
+        sweeps.sweep_real[e, Sweep.HALF],
     )
-    s = vector(sweeps.sweep_place, e)
+    s = vector(sweeps.sweep_real, e, Sweep.PLACE)
     east, north = frame(s)
     bearing_sine, bearing_cosine = doubles.sincos(bearing)
     ahead = north * bearing_cosine + east * bearing_sine
     aside = east * bearing_cosine - north * bearing_sine
     sine, cosine = doubles.sincos(half)
     all_round = half > ti.f64(3.14159265)
-    near, far = chord(sweeps.sweep_near[e]), chord(sweeps.sweep_far[e])
+    near, far = chord(sweeps.sweep_real[e, Sweep.NEAR]), chord(sweeps.sweep_real[e, Sweep.FAR])
     left, nearest = 0, ti.f64(4.0)
     whole, total, rate = ti.f64(0.0), ti.f64(0.0), ti.f64(0.0)
     mean, velocity = f64x3(0.0, 0.0, 0.0), f64x3(0.0, 0.0, 0.0)
     for j in range(count):
         i = base + j
-        whole += cloud.own_weight[i]
+        whole += cloud.own_real[i, Own.WEIGHT]
         acting = 1
         while acting == 1:
-            acting = ti.cast(cloud.own_due[i] <= time, ti.i32)
+            acting = ti.cast(cloud.own_real[i, Own.DUE] <= time, ti.i32)
             if ti.static(coastal):
-                keep_off(cloud, i, ti.min(cloud.own_due[i], time), rules.rule_fastest[law], run, seed0, seed1, coast)
+                keep_off(
+                    cloud,
+                    i,
+                    ti.min(cloud.own_real[i, Own.DUE], time),
+                    rules.rule_real[law, Rule.FASTEST],
+                    run,
+                    seed0,
+                    seed1,
+                    coast,
+                )
             if acting == 1:
                 act(cloud, rules, legs, i, law, first_leg, last_leg, run, seed0, seed1)
-                cloud.own_free[i] = cloud.own_since[i]
+                cloud.own_real[i, Own.FREE] = cloud.own_real[i, Own.SINCE]
         p0, u0 = at(cloud, i)
-        angle = cloud.own_rate[i] * (time - cloud.own_since[i])
+        angle = cloud.own_real[i, Own.RATE] * (time - cloud.own_real[i, Own.SINCE])
         p, u = turned(p0, u0, angle)
         if angle > FAR:
             p, u = along(p0, u0, angle)
@@ -143,11 +172,11 @@ def cut(
             if left < j:
                 copied(cloud, i, base + left)
             left += 1
-            w = cloud.own_weight[i]
+            w = cloud.own_real[i, Own.WEIGHT]
             total += w
-            rate += w * cloud.own_rate[i]
+            rate += w * cloud.own_real[i, Own.RATE]
             mean += p * w
-            velocity += u * (w * cloud.own_rate[i])
+            velocity += u * (w * cloud.own_real[i, Own.RATE])
     return left, nearest, whole, total, rate, mean, velocity
 
 
@@ -168,28 +197,32 @@ def drawn_anew(
     The last estimate tells which of them are likely, or where they come from; without one all are alike.
     """
     law, run, base, time, bearing = (
-        tracks.track_rules[k],
-        tracks.track_run[k],
+        tracks.track_whole[k, Track.RULES],
+        tracks.track_whole[k, Track.RUN],
         k * size,
-        sweeps.sweep_time[e],
-        sweeps.sweep_bearing[e],
+        sweeps.sweep_real[e, Sweep.TIME],
+        sweeps.sweep_real[e, Sweep.BEARING],
     )
-    s = vector(sweeps.sweep_place, e)
+    s = vector(sweeps.sweep_real, e, Sweep.PLACE)
     east, north = frame(s)
     # Of two detections at one time the first tells no speed.
-    old = f64x3(tracks.track_estimate[5 * k], tracks.track_estimate[5 * k + 1], tracks.track_estimate[5 * k + 2])
-    pace, since = tracks.track_estimate[5 * k + 3], tracks.track_estimate[5 * k + 4]
+    old = f64x3(
+        tracks.track_real[k, Track.ESTIMATE],
+        tracks.track_real[k, Track.ESTIMATE + 1],
+        tracks.track_real[k, Track.ESTIMATE + 2],
+    )
+    pace, since = tracks.track_real[k, Track.ESTIMATE + 3], tracks.track_real[k, Track.ESTIMATE + 4]
     known = pace >= 0.0 and time > since
     elapsed = ti.max(time - since, ti.f64(1e-9))
-    high = rules.rule_fastest[law]
+    high = rules.rule_real[law, Rule.FASTEST]
     low, least = 2.0 * pace - high, high * LEAST
-    by_place = known and rules.rule_method[law] != AIMED
-    by_course = known and rules.rule_method[law] != WEIGHTED
+    by_place = known and rules.rule_real[law, Rule.METHOD] != AIMED
+    by_course = known and rules.rule_real[law, Rule.METHOD] != WEIGHTED
     mean = ti.f64(0.0)
     for j in range(count):
         if by_place:
-            cloud.own_weight[base + j] = ti.max(high - pace, least)
-        mean += cloud.own_weight[base + j]
+            cloud.own_real[base + j, Own.WEIGHT] = ti.max(high - pace, least)
+        mean += cloud.own_real[base + j, Own.WEIGHT]
     mean = mean / ti.cast(count, ti.f64) if count > 0 else ti.f64(1.0)
     there = count
     for j in range(count, size):
@@ -201,8 +234,10 @@ def drawn_anew(
             place = a
             if tried > 0:
                 place = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1 + tried)
-            distance = sweeps.sweep_near[e] + unit(place[0]) * (sweeps.sweep_far[e] - sweeps.sweep_near[e])
-            way = bearing + (2.0 * unit(place[1]) - 1.0) * sweeps.sweep_half[e]
+            distance = sweeps.sweep_real[e, Sweep.NEAR] + unit(place[0]) * (
+                sweeps.sweep_real[e, Sweep.FAR] - sweeps.sweep_real[e, Sweep.NEAR]
+            )
+            way = bearing + (2.0 * unit(place[1]) - 1.0) * sweeps.sweep_real[e, Sweep.HALF]
             p, _onward = along(s, headed(north, east, way), distance)
             wet = 1
             if ti.static(coastal):
@@ -222,9 +257,13 @@ def drawn_anew(
         if by_place:
             weight = ti.max(need - low if need < pace else high - need, least)
         anchor(cloud, i, p, u, time)
-        cloud.own_rate[i], cloud.own_weight[i], cloud.own_mode[i] = rate, weight, ACTING
-        cloud.own_serial[i], cloud.own_acts[i], cloud.own_due[i] = serial, 0, clock(rules, law, time, b[1])
-        cloud.own_free[i] = time
+        cloud.own_real[i, Own.RATE], cloud.own_real[i, Own.WEIGHT], cloud.own_whole[i, Own.MODE] = rate, weight, ACTING
+        cloud.own_whole[i, Own.SERIAL], cloud.own_whole[i, Own.ACTS], cloud.own_real[i, Own.DUE] = (
+            serial,
+            0,
+            clock(rules, law, time, b[1]),
+        )
+        cloud.own_real[i, Own.FREE] = time
         there += wet
     return there, drawn + size - count
 
@@ -240,21 +279,21 @@ def duplicated(
     """
     total = ti.f64(0.0)
     for j in range(count):
-        total += cloud.own_weight[base + j]
-        cloud.own_scratch[3 * (base + j)] = total
+        total += cloud.own_real[base + j, Own.WEIGHT]
+        cloud.own_real[base + j, Own.SCRATCH] = total
     for j in range(count, size):
         i, serial = base + j, drawn + j - count
         b = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1)
         want, low, high = unit(b[0]) * total, 0, count - 1
         while low < high:
             middle = (low + high) // 2
-            if cloud.own_scratch[3 * (base + middle)] < want:
+            if cloud.own_real[base + middle, Own.SCRATCH] < want:
                 low = middle + 1
             else:
                 high = middle
         copied(cloud, base + low, i)
-        cloud.own_mode[i], cloud.own_serial[i], cloud.own_acts[i] = ACTING, serial, 0
-        cloud.own_due[i] = clock(rules, law, time, b[1])
+        cloud.own_whole[i, Own.MODE], cloud.own_whole[i, Own.SERIAL], cloud.own_whole[i, Own.ACTS] = ACTING, serial, 0
+        cloud.own_real[i, Own.DUE] = clock(rules, law, time, b[1])
     return drawn + size - count
 
 
@@ -266,12 +305,12 @@ def summed(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64):
     for j in range(count):
         i = base + j
         p0, u0 = at(cloud, i)
-        p, u = turned(p0, u0, cloud.own_rate[i] * (time - cloud.own_since[i]))
-        w = cloud.own_weight[i]
+        p, u = turned(p0, u0, cloud.own_real[i, Own.RATE] * (time - cloud.own_real[i, Own.SINCE]))
+        w = cloud.own_real[i, Own.WEIGHT]
         total += w
-        rate += w * cloud.own_rate[i]
+        rate += w * cloud.own_real[i, Own.RATE]
         mean += p * w
-        velocity += u * (w * cloud.own_rate[i])
+        velocity += u * (w * cloud.own_real[i, Own.RATE])
     return total, rate, mean, velocity
 
 
@@ -284,20 +323,20 @@ def followed(
     coast: ti.template(),
 ):  # fmt: skip
     """Take cloud k through its sweeps."""
-    law, run, base = tracks.track_rules[k], tracks.track_run[k], k * size
-    first_leg, last_leg = tracks.track_first_leg[k], tracks.track_last_leg[k]
-    count, drawn = tracks.track_count[k], tracks.track_drawn[k]
-    quickest = rules.rule_fastest[law]
+    law, run, base = tracks.track_whole[k, Track.RULES], tracks.track_whole[k, Track.RUN], k * size
+    first_leg, last_leg = tracks.track_whole[k, Track.FIRST_LEG], tracks.track_whole[k, Track.LAST_LEG]
+    count, drawn = tracks.track_whole[k, Track.COUNT], tracks.track_whole[k, Track.DRAWN]
+    quickest = rules.rule_real[law, Rule.FASTEST]
     for leg in range(first_leg, last_leg):
-        quickest = ti.max(quickest, rules.rule_fastest[law] + legs.leg_rate[leg])
+        quickest = ti.max(quickest, rules.rule_real[law, Rule.FASTEST] + legs.leg_real[leg, Leg.RATE])
     # No particle comes within a chord of `clear` of the tracker before `clear_until`.
     clear, clear_until = ti.f64(0.0), ti.f64(-NEVER)
-    for e in range(tracks.track_first[k], tracks.track_last[k]):
+    for e in range(tracks.track_whole[k, Track.FIRST], tracks.track_whole[k, Track.LAST]):
         time, outcome, row, far = (
-            sweeps.sweep_time[e],
-            sweeps.sweep_outcome[e],
-            sweeps.sweep_row[e],
-            chord(sweeps.sweep_far[e]),
+            sweeps.sweep_real[e, Sweep.TIME],
+            sweeps.sweep_whole[e, Sweep.OUTCOME],
+            sweeps.sweep_whole[e, Sweep.ROW],
+            chord(sweeps.sweep_real[e, Sweep.FAR]),
         )
         if outcome == SILENT and row < 0 and far <= clear and time < clear_until:
             continue
@@ -310,38 +349,44 @@ def followed(
             clear = far
             clear_until = time + 0.999 * (ti.sqrt(nearest) - far) / ti.max(quickest, ti.f64(1e-12))
         share = ti.cast(count, ti.f64) / ti.cast(size, ti.f64)
-        few = share < rules.rule_bulk[law] or count == 0
+        few = share < rules.rule_real[law, Rule.BULK] or count == 0
         if outcome == DETECTED:
-            if tracks.track_left[3 * k + 2] != time:
-                tracks.track_left[3 * k], tracks.track_left[3 * k + 1] = 1.0 if before > 0 else -1.0, 0.0
-                tracks.track_left[3 * k + 2] = time
-            if before > 0 and tracks.track_left[3 * k] >= 0.0:
-                tracks.track_left[3 * k] *= total / whole
+            if tracks.track_real[k, Track.LEFT + 2] != time:
+                tracks.track_real[k, Track.LEFT], tracks.track_real[k, Track.LEFT + 1] = (
+                    1.0 if before > 0 else -1.0,
+                    0.0,
+                )
+                tracks.track_real[k, Track.LEFT + 2] = time
+            if before > 0 and tracks.track_real[k, Track.LEFT] >= 0.0:
+                tracks.track_real[k, Track.LEFT] *= total / whole
                 if few:
-                    tracks.track_left[3 * k + 1] = 1.0
-        if outcome == SILENT and count < before and share < rules.rule_bulk[law]:
+                    tracks.track_real[k, Track.LEFT + 1] = 1.0
+        if outcome == SILENT and count < before and share < rules.rule_real[law, Rule.BULK]:
             count = 0  # the track is lost
         elif outcome == DETECTED and few:
             count, drawn = drawn_anew(
                 coastal, cloud, tracks, rules, sweeps, e, k, count, size, drawn, seed0, seed1, coast
             )
             total, rate, mean, velocity = summed(cloud, base, count, time)
-        elif outcome != MARK and count > 0 and share < rules.rule_partial[law]:
+        elif outcome != MARK and count > 0 and share < rules.rule_real[law, Rule.PARTIAL]:
             drawn = duplicated(cloud, rules, base, count, size, drawn, law, time, run, seed0, seed1)
             count = size
             total, rate, mean, velocity = summed(cloud, base, count, time)
-        place = (tracks.track_first_row[k] + row) * WIDE
+        place = (tracks.track_whole[k, Track.FIRST_ROW] + row) * WIDE
         if before > 0 and count == 0:
-            tracks.track_lost[k] = time
+            tracks.track_real[k, Track.LOST] = time
         if row >= 0:
-            estimates[place + 9] = tracks.track_lost[k]
-            estimates[place + 10], estimates[place + 11] = tracks.track_left[3 * k], tracks.track_left[3 * k + 1]
+            estimates[place + 9] = tracks.track_real[k, Track.LOST]
+            estimates[place + 10], estimates[place + 11] = (
+                tracks.track_real[k, Track.LEFT],
+                tracks.track_real[k, Track.LEFT + 1],
+            )
         if count > 0 and (outcome == DETECTED or row >= 0):
             mean, velocity, rate = mean.normalized(), velocity / total, rate / total
             if outcome == DETECTED:
                 for d in ti.static(range(3)):
-                    tracks.track_estimate[5 * k + d] = mean[d]
-                tracks.track_estimate[5 * k + 3], tracks.track_estimate[5 * k + 4] = rate, time
+                    tracks.track_real[k, Track.ESTIMATE + d] = mean[d]
+                tracks.track_real[k, Track.ESTIMATE + 3], tracks.track_real[k, Track.ESTIMATE + 4] = rate, time
             if row >= 0:
                 own_east, own_north = frame(mean)
                 for d in ti.static(range(3)):
@@ -349,8 +394,10 @@ def followed(
                 estimates[place + 3], estimates[place + 4] = velocity.dot(own_east), velocity.dot(own_north)
                 estimates[place + 5], estimates[place + 6], estimates[place + 7] = rate, ti.cast(count, ti.f64), total
                 if areas == 1 and outcome == MARK and count > 1:
-                    estimates[place + 8] = level(cloud, base, count, time, mean, total, vector(sweeps.sweep_place, e))
-    tracks.track_count[k], tracks.track_drawn[k] = count, drawn
+                    estimates[place + 8] = level(
+                        cloud, base, count, time, mean, total, vector(sweeps.sweep_real, e, Sweep.PLACE)
+                    )
+    tracks.track_whole[k, Track.COUNT], tracks.track_whole[k, Track.DRAWN] = count, drawn
 
 
 @ti.kernel
@@ -374,9 +421,9 @@ def follow(
 ) -> None:  # fmt: skip
     """Take clouds through their sweeps.
 
-    areas: whether the level of the target is asked for at marks. size: most particles of a cloud; cloud: columns of Cloud by name, of all clouds (clouds * size,); tracks, rules,
-    sweeps, legs: columns of Tracks, Rules, Sweeps and Legs; estimates: (rows * 12,), the FIELDS of each. coast: on whose land
-    no particle is, None: anywhere.
+    areas: whether the level of the target is asked for at marks. size: most particles of a cloud. cloud, tracks, rules,
+    sweeps, legs: device tables by name, the members of Cloud (clouds * size rows), Tracks, Rules, Sweeps and Legs.
+    estimates: (rows * 12,), the FIELDS of each. coast: on whose land no particle is, None: anywhere.
     """
     seed0, seed1 = noise.key(seed)
     packs = [
@@ -384,4 +431,4 @@ def follow(
         for kind, columns in ((Cloud, cloud), (Tracks, tracks), (Rules, rules), (Sweeps, sweeps), (Legs, legs))
     ]
     sea = (coast or open_sea()).pack
-    _follow(coast is not None, areas, tracks["track_count"].shape[0], size, seed0, seed1, *packs, estimates, sea)
+    _follow(coast is not None, areas, tracks["track_whole"].shape[0], size, seed0, seed1, *packs, estimates, sea)

@@ -16,7 +16,10 @@ import taichi as ti
 from geo.coast import edges as shore_grid
 from kernels import launch, runtime
 
-Frame = ti.types.vector(7, ti.i32)  # lon0, lat0, shift, nx, ny, reference x, reference y of geo.coast.edges.Coast
+# lon0, lat0, shift, nx, ny, reference x, reference y of geo.coast.edges.Coast; where edges, their numbers and the lines
+# begin in `shoreline`.
+Frame = ti.types.vector(10, ti.i32)
+EDGES_AT, NUMBERS_AT, LINES_AT = 7, 8, 9  # of the last three of these
 Bytes = ti.types.ndarray(dtype=ti.u8, ndim=1)
 Ints = ti.types.ndarray(dtype=ti.i32, ndim=1)
 Reals = ti.types.ndarray(dtype=ti.f32, ndim=1)
@@ -27,11 +30,10 @@ NEVER = ONE + 1
 
 Coast = ti.types.argpack(
     cell=Bytes,  # (ny * nx,)
-    start=Ints,  # (ny * nx + 1,)
-    edges=Ints,  # (4 * n,), as listed by cell
-    edge_id=Ints,  # (n,)
+    # One after another: where the edges of each cell begin in the list (ny * nx + 1,); edges as listed by cell (4 * n,);
+    # the number of each (n,); the line of each number (4 * m,).
+    shoreline=Ints,
     frame=Frame,
-    line=Ints,  # (4 * m,), by number: what an edge_id points to
 )
 
 
@@ -44,15 +46,16 @@ class DeviceCoast:
 
 def upload(coast: shore_grid.Coast) -> DeviceCoast:
     """Return the device copy of a coast."""
-    frame = Frame([coast.lon0, coast.lat0, coast.shift, coast.nx, coast.ny, *coast.reference])
-    listed = (runtime.upload(a) for a in (coast.cell, coast.start, coast.edge, coast.edge_id))
-    return DeviceCoast(launch.pack(Coast, *listed, frame, runtime.upload(shore_grid.edges(coast))))
+    tables = [np.ravel(a) for a in (coast.start, coast.edge, coast.edge_id, shore_grid.edges(coast))]
+    begins = np.cumsum([table.size for table in tables[:-1]]).tolist()
+    frame = Frame([coast.lon0, coast.lat0, coast.shift, coast.nx, coast.ny, *coast.reference, *begins])
+    shoreline = runtime.upload(np.concatenate(tables, dtype=np.int32, casting="same_kind"))
+    return DeviceCoast(launch.pack(Coast, runtime.upload(coast.cell), shoreline, frame))
 
 
 def open_sea() -> DeviceCoast:
     """Return a coast of no cells, to stand for the arguments of a kernel that was compiled without one."""
-    nothing = runtime.empty(1, ti.i32)
-    return DeviceCoast(launch.pack(Coast, runtime.empty(1, ti.u8), nothing, nothing, nothing, Frame([0] * 7), nothing))
+    return DeviceCoast(launch.pack(Coast, runtime.empty(1, ti.u8), runtime.empty(1, ti.i32), Frame([0] * Frame.n)))
 
 
 @ti.func
@@ -63,7 +66,7 @@ def is_wet(lon, lat, coast: ti.template()):
     different sides of the shore. An end of an edge on the line from the reference to the point counts as right of it
     (half-open), so a line through a vertex crosses once or not at all.
     """
-    cell, start, edge = ti.static(coast.cell, coast.start, coast.edges)
+    cell, line = ti.static(coast.cell, coast.shoreline)
     frame = coast.frame
     shift = frame[2]
     column = ti.cast(ti.bit_shr(ti.cast(lon - frame[0], ti.u32), shift), ti.i32)
@@ -78,11 +81,12 @@ def is_wet(lon, lat, coast: ti.template()):
         px = ti.cast(lon - rlon, ti.i64)
         py = ti.cast(lat - rlat, ti.i64)
         on_edge = 0
-        for e in range(start[c], start[c + 1]):
-            ax = ti.cast(edge[4 * e] - rlon, ti.i64)
-            ay = ti.cast(edge[4 * e + 1] - rlat, ti.i64)
-            bx = ti.cast(edge[4 * e + 2] - rlon, ti.i64)
-            by = ti.cast(edge[4 * e + 3] - rlat, ti.i64)
+        for e in range(line[c], line[c + 1]):
+            k = frame[EDGES_AT] + 4 * e
+            ax = ti.cast(line[k] - rlon, ti.i64)
+            ay = ti.cast(line[k + 1] - rlat, ti.i64)
+            bx = ti.cast(line[k + 2] - rlon, ti.i64)
+            by = ti.cast(line[k + 3] - rlat, ti.i64)
             side_a = px * ay - py * ax
             side_b = px * by - py * bx
             of_reference = ax * by - ay * bx
@@ -131,7 +135,7 @@ def _first(lon, lat, sx, sy, coast: ti.template()):
 
     The cells are visited row by row: in each row, the columns between where the step enters and leaves it.
     """
-    start, edge = ti.static(coast.start, coast.edges)
+    line = ti.static(coast.shoreline)
     frame = coast.frame
     shift = frame[2]
     around = (1 << (32 - shift)) - 1  # columns in a turn, less one: a mask that wraps longitude
@@ -155,14 +159,15 @@ def _first(lon, lat, sx, sy, coast: ti.template()):
                 column = k & around
                 if column < frame[3]:
                     c = row * frame[3] + column
-                    for e in range(start[c], start[c + 1]):
+                    for e in range(line[c], line[c + 1]):
+                        first = frame[EDGES_AT] + 4 * e
                         at = _fraction(
                             sx,
                             sy,
-                            ti.cast(edge[4 * e] - lon, ti.i64),
-                            ti.cast(edge[4 * e + 1] - lat, ti.i64),
-                            ti.cast(edge[4 * e + 2] - lon, ti.i64),
-                            ti.cast(edge[4 * e + 3] - lat, ti.i64),
+                            ti.cast(line[first] - lon, ti.i64),
+                            ti.cast(line[first + 1] - lat, ti.i64),
+                            ti.cast(line[first + 2] - lon, ti.i64),
+                            ti.cast(line[first + 3] - lat, ti.i64),
                         )
                         if at < best:
                             best = at
@@ -227,7 +232,7 @@ def first_crossing(lon, lat, dlon, dlat, coast: ti.template()):
             elif back == 0:
                 hit = 1
                 fraction = ti.cast(at, ti.f32) * ti.cast(1.0 / ONE, ti.f32)
-                number = coast.edge_id[struck]
+                number = coast.shoreline[coast.frame[NUMBERS_AT] + struck]
                 along = ti.cast((ti.cast(at, ti.i64) * reach) >> 30, ti.i32)
                 back = 1
             else:

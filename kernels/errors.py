@@ -9,6 +9,14 @@ from kernels.features import BIAS, DEBRIS, DIFFUSION, ERRORS, GUIDED, JIBE, WIND
 
 f32x2 = ti.types.vector(2, ti.f32)
 
+# Columns [m/s] in the rows of one array (kernels.rows): errors of the current and of the wind at
+# present, and the current's bias, which lasts. Here are the first rows of each, of the east component.
+ROWS = (
+    *("current_error_east", "current_error_north", "wind_error_east", "wind_error_north"),
+    *("current_bias_east", "current_bias_north"),
+)
+CURRENT_ERROR, WIND_ERROR, CURRENT_BIAS = 0, 2, 4
+
 
 class Physics(NamedTuple):
     """How the objects of one scenario move, besides the forcing; each term is off at zero."""

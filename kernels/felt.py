@@ -11,16 +11,14 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from kernels import batch, errors, launch, life, noise, runtime, sphere, steer
+from kernels import batch, errors, life, noise, rows, runtime, sphere, steer
 from kernels.batch import Batch
 from kernels.coast import Ints, Reals
 from kernels.sample import Ranges, Sea, Tiles, members_of, sample
+from kernels.steer import Own
 from kernels.velocity import CURRENT_FROM, CURRENT_TO
 
 f32x2 = ti.types.vector(2, ti.f32)
-
-ERRORS = ("current_error_east", "current_error_north", "current_bias_east", "current_bias_north")
-Errors = ti.types.argpack(**dict.fromkeys(ERRORS, Reals))
 
 
 @ti.kernel
@@ -32,7 +30,7 @@ def _feel(
     slots: Ints,
     shift: Ints,
     columns: steer.Columns,
-    own: Errors,
+    error_rows: Reals,
     member: Ints,
     sea: Sea,
     lon: Ints,
@@ -51,31 +49,35 @@ def _feel(
     for j in range(first, last):
         i = batch.slot(listed, slots, j)
         end = elapsed + duration
-        begin, until = ti.max(elapsed, columns.departure[i]), ti.min(end, columns.release[i])
+        begin, until = ti.max(elapsed, steer.departure(columns, i)), ti.min(end, columns.release[i])
         if steer.under_way(columns, i, end) and begin < until:
             dt = ti.cast(until - begin, ti.f32)
-            old = f32x2(own.current_error_east[i], own.current_error_north[i])
+            n = columns.lon.shape[0]  # a row's length
+            east_at, bias_at = errors.CURRENT_ERROR * n + i, errors.CURRENT_BIAS * n + i
+            old = f32x2(error_rows[east_at], error_rows[east_at + n])
             error, since = old, ti.cast(begin - elapsed, ti.f32)
             if middle == 1:
                 w = noise.words(seed0, seed1, noise.STREAM_FELT, i + shift[columns.scenario[i]], step)
                 new = errors.transition(old, std, errors.kept(memory, dt), noise.normals(w[0], w[1]))
-                own.current_error_east[i], own.current_error_north[i] = new[0], new[1]
+                error_rows[east_at], error_rows[east_at + n] = new[0], new[1]
                 error, since = 0.5 * (old + new), since + 0.5 * dt
             fraction = since / ti.cast(duration, ti.f32)
             among = 0
             if ti.static(members):
                 among = member[i]
             r = sample(members, sea, sea.ranges[CURRENT_FROM], sea.ranges[CURRENT_TO], lon[i], lat[i], fraction, among)
-            u, v = r[0] + error[0] + own.current_bias_east[i], r[1] + error[1] + own.current_bias_north[i]
+            u, v = r[0] + error[0] + error_rows[bias_at], r[1] + error[1] + error_rows[bias_at + n]
             per_metre = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
             secant = 1.0 / sphere.cos_lat(lat[i])
-            through = east[i] - columns.set_rate_lon[i] / (per_metre * secant)
-            so_far = columns.set_rate_lat[i] * ti.cast(middle * (until - begin) // 2, ti.f32)
-            reckoned = lat[i] - columns.set_lat[i] - ti.cast(ti.round(so_far), ti.i32)
+            lon_at, lat_at = Own.SET_RATE_LON * n + i, Own.SET_RATE_LAT * n + i
+            through = east[i] - columns.steer_real[lon_at] / (per_metre * secant)
+            so_far = columns.steer_real[lat_at] * ti.cast(middle * (until - begin) // 2, ti.f32)
+            set_lat = columns.steer_whole[Own.SET_LAT * n + i]
+            reckoned = lat[i] - set_lat - ti.cast(ti.round(so_far), ti.i32)
             wider = through * (secant - 1.0 / sphere.cos_lat(reckoned))
             if r[2] > 0.5:
-                columns.set_rate_lon[i] = (u * secant + wider) * per_metre
-                columns.set_rate_lat[i] = v * per_metre
+                columns.steer_real[lon_at] = (u * secant + wider) * per_metre
+                columns.steer_real[lat_at] = v * per_metre
             elif middle == 1:
                 columns.status[i], columns.status_since[i] = life.OUTSIDE, begin
 
@@ -96,9 +98,8 @@ def feel(
     """Write how fast the current sets targets off during the step about to be made, and make a step of its error.
 
     columns: by name, those of kernels.steer.COLUMNS; own, plan, seed, coast: see kernels.steer. error: by name, the
-    columns of ERRORS [m/s], float32 (n,), and of members where the tiles have any. tiles, ranges: of the current over the
-    step. std [m/s], memory [s]: of
-    the current's error, a component. A target where the current is not known is lost: it has no forcing.
+    columns of errors.ROWS [m/s], float32 (n,), and of members where the tiles have any. tiles, ranges: of the current
+    over the step. std [m/s], memory [s]: of the current's error, a component. A target where the current is not known is lost: it has no forcing.
     """
     for middle in (0, 1):
         lon, lat = runtime.copy(columns["lon"]), runtime.copy(columns["lat"])
@@ -109,6 +110,6 @@ def feel(
         steer.inside(columns, own, plan, seed, None, coast, step, (lon, lat), step.elapsed, 0, 0, velocity, middle)
         _feel(
             tiles.members > 1, *own.launched, steer.packed(columns),
-            launch.pack(Errors, *(error[name] for name in ERRORS)), members_of(error, tiles), tiles.sea(ranges),
+            rows.whole(error, errors.ROWS), members_of(error, tiles), tiles.sea(ranges),
             lon, lat, *velocity, std, memory, *noise.key(seed), step.elapsed, step.duration, step.number, middle,
         )  # fmt: skip

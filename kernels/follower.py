@@ -10,7 +10,8 @@ from kernels import doubles, noise
 from kernels.coast import clearance, first_crossing
 
 Doubles = ti.types.ndarray(dtype=ti.f64, ndim=1)
-Ints = ti.types.ndarray(dtype=ti.i32, ndim=1)
+DoubleTable = ti.types.ndarray(dtype=ti.f64, ndim=2)
+IntTable = ti.types.ndarray(dtype=ti.i32, ndim=2)
 f64x3 = ti.types.vector(3, ti.f64)
 
 ACTING, SEEKING, HIDING = range(3)  # what a particle is about
@@ -22,51 +23,58 @@ ALONG = 2e-4  # [rad] of way that is held against the shore as a straight line i
 TURNS = 16  # courses that a particle tries at a place on the shore; then it goes back where it came from
 NOWHERE = 1e-6  # [rad] of way: what makes less between two turns has not got away
 
-Cloud = ti.types.argpack(
-    own_place=Doubles,  # (3 n,) unit vector of the anchor
-    own_way=Doubles,  # (3 n,) unit tangent there
-    own_rate=Doubles,  # [rad/s]
-    own_since=Doubles,  # [s] when it was at the anchor
-    own_due=Doubles,  # [s] when it acts next
-    own_weight=Doubles,
-    own_mode=Ints,  # ACTING, SEEKING or HIDING
-    own_serial=Ints,  # how many of its cloud were drawn before it: the key of its random numbers
-    own_acts=Ints,  # how often it has acted
-    own_free=Doubles,  # [s] until when its way is known to meet no shore
-    own_scratch=Doubles,  # (3 n,) sums of weights, of a particle in its first; or where it is
-)  # fmt: skip
 
-Rules = ti.types.argpack(
-    rule_change=Doubles,  # probability that a particle which acts takes another course and speed
-    rule_seek=Doubles,  # that it seeks from then on
-    rule_hide=Doubles,  # that it hides
-    rule_leave=Doubles,  # that one which seeks or hides acts freely again
-    rule_soonest=Doubles,  # [s] between acts; NEVER: particles do not act
-    rule_latest=Doubles,
-    rule_spread=Doubles,  # [rad] half of the sector about the reciprocal bearing in which one hides
-    rule_fastest=Doubles,  # [rad/s]
-    rule_partial=Doubles,  # share of particles below which duplicates are made
-    rule_bulk=Doubles,  # share below which the box is drawn from anew, or the track is lost
-    rule_method=Ints,  # WEIGHTED, AIMED or COMBINED
-)
+# Each thing has a row of a table of real numbers, and of one of whole numbers where it has any. The classes say what
+# stands in which column; REAL and WHOLE are the numbers of columns. A vector takes three.
+class Own:
+    """Of a particle."""
 
-Sweeps = ti.types.argpack(
-    sweep_time=Doubles,  # [s]
-    sweep_place=Doubles,  # (3 n,) unit vector of the sensor; at a mark of the target
-    sweep_bearing=Doubles,  # [rad] of the detection
-    sweep_half=Doubles,  # [rad] its box on either side; pi: all round
-    sweep_near=Doubles,  # [rad] its box, or how far a sensor reaches that found nothing
-    sweep_far=Doubles,
-    sweep_outcome=Ints,  # SILENT, DETECTED or MARK
-    sweep_row=Ints,  # of the estimates, or -1
-)  # fmt: skip
+    PLACE = 0  # unit vector of the anchor
+    WAY = 3  # unit tangent there
+    RATE = 6  # [rad/s]
+    SINCE = 7  # [s] when it was at the anchor
+    DUE = 8  # [s] when it acts next
+    FREE = 9  # [s] until when its way is known to meet no shore
+    SCRATCH = 10  # sums of weights, in the first of three; or where it is
+    WEIGHT = 13
+    REAL = 14
 
-Legs = ti.types.argpack(  # of each way the last has no speed: there it stays
-    leg_time=Doubles,  # [s]
-    leg_place=Doubles,  # (3 n,) unit vector of its begin
-    leg_way=Doubles,  # (3 n,) unit tangent there
-    leg_rate=Doubles,  # [rad/s]
-)
+    MODE = 0  # ACTING, SEEKING or HIDING
+    SERIAL = 1  # how many of its cloud were drawn before it: the key of its random numbers
+    ACTS = 2  # how often it has acted
+    WHOLE = 3
+
+
+class Rule:
+    """Of a way of following."""
+
+    CHANGE = 0  # probability that a particle which acts takes another course and speed
+    SEEK = 1  # that it seeks from then on
+    HIDE = 2  # that it hides
+    LEAVE = 3  # that one which seeks or hides acts freely again
+    SOONEST = 4  # [s] between acts; NEVER: particles do not act
+    LATEST = 5
+    SPREAD = 6  # [rad] half of the sector about the reciprocal bearing in which one hides
+    FASTEST = 7  # [rad/s]
+    PARTIAL = 8  # share of particles below which duplicates are made
+    BULK = 9  # share below which the box is drawn from anew, or the track is lost
+    METHOD = 10  # WEIGHTED, AIMED or COMBINED
+    REAL = 11
+
+
+class Leg:
+    """Of a tracker's way, of which the last has no speed: there it stays."""
+
+    TIME = 0  # [s]
+    PLACE = 1  # unit vector of its begin
+    WAY = 4  # unit tangent there
+    RATE = 7  # [rad/s]
+    REAL = 8
+
+
+Cloud = ti.types.argpack(own_real=DoubleTable, own_whole=IntTable)
+Rules = ti.types.argpack(rule_real=DoubleTable)
+Legs = ti.types.argpack(leg_real=DoubleTable)
 
 
 @ti.func
@@ -84,9 +92,9 @@ def words(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, run: ti.i32, serial: ti.
 
 
 @ti.func
-def vector(column: ti.template(), i: ti.i32) -> f64x3:
-    """Return the vector in row i of a column of three numbers a row."""
-    return f64x3(column[3 * i], column[3 * i + 1], column[3 * i + 2])
+def vector(table: ti.template(), row: ti.i32, first: ti.template()) -> f64x3:
+    """Return the vector of the three numbers in a row of a table from a column on."""
+    return f64x3(table[row, first], table[row, first + 1], table[row, first + 2])
 
 
 @ti.func
@@ -121,32 +129,33 @@ def along(p: f64x3, u: f64x3, angle: ti.f64):
 @ti.func
 def at(cloud: ti.template(), i: ti.i32):
     """Return (anchor, tangent) of a particle."""
-    return vector(cloud.own_place, i), vector(cloud.own_way, i)
+    return vector(cloud.own_real, i, Own.PLACE), vector(cloud.own_real, i, Own.WAY)
 
 
 @ti.func
 def anchor(cloud: ti.template(), i: ti.i32, p: f64x3, u: f64x3, time: ti.f64):
     """Anchor a particle anew, at a place [unit vector] on a way [unit tangent], since a time [s]."""
     for d in ti.static(range(3)):
-        cloud.own_place[3 * i + d], cloud.own_way[3 * i + d] = p[d], u[d]
-    cloud.own_since[i] = time
+        cloud.own_real[i, Own.PLACE + d] = p[d]
+        cloud.own_real[i, Own.WAY + d] = u[d]
+    cloud.own_real[i, Own.SINCE] = time
 
 
 @ti.func
 def copied(cloud: ti.template(), i: ti.i32, to: ti.i32):
     """Write particle i over another."""
     p, u = at(cloud, i)
-    anchor(cloud, to, p, u, cloud.own_since[i])
-    cloud.own_rate[to], cloud.own_due[to], cloud.own_weight[to] = (
-        cloud.own_rate[i],
-        cloud.own_due[i],
-        cloud.own_weight[i],
+    anchor(cloud, to, p, u, cloud.own_real[i, Own.SINCE])
+    cloud.own_real[to, Own.RATE], cloud.own_real[to, Own.DUE], cloud.own_real[to, Own.WEIGHT] = (
+        cloud.own_real[i, Own.RATE],
+        cloud.own_real[i, Own.DUE],
+        cloud.own_real[i, Own.WEIGHT],
     )
-    cloud.own_free[to] = cloud.own_free[i]
-    cloud.own_mode[to], cloud.own_serial[to], cloud.own_acts[to] = (
-        cloud.own_mode[i],
-        cloud.own_serial[i],
-        cloud.own_acts[i],
+    cloud.own_real[to, Own.FREE] = cloud.own_real[i, Own.FREE]
+    cloud.own_whole[to, Own.MODE], cloud.own_whole[to, Own.SERIAL], cloud.own_whole[to, Own.ACTS] = (
+        cloud.own_whole[i, Own.MODE],
+        cloud.own_whole[i, Own.SERIAL],
+        cloud.own_whole[i, Own.ACTS],
     )
 
 
@@ -161,12 +170,12 @@ def headed(north: f64x3, east: f64x3, course: ti.f64) -> f64x3:
 def tracker_at(legs: ti.template(), first: ti.i32, last: ti.i32, time: ti.f64):
     """Return (place, tangent, rate) of a tracker at a time [s]."""
     leg = first
-    while leg + 1 < last and legs.leg_time[leg + 1] <= time:
+    while leg + 1 < last and legs.leg_real[leg + 1, Leg.TIME] <= time:
         leg += 1
-    p, u = vector(legs.leg_place, leg), vector(legs.leg_way, leg)
-    angle = legs.leg_rate[leg] * ti.max(time - legs.leg_time[leg], ti.f64(0.0))
+    p, u = vector(legs.leg_real, leg, Leg.PLACE), vector(legs.leg_real, leg, Leg.WAY)
+    angle = legs.leg_real[leg, Leg.RATE] * ti.max(time - legs.leg_real[leg, Leg.TIME], ti.f64(0.0))
     s, c = doubles.sincos(angle)
-    return p * c + u * s, u * c - p * s, legs.leg_rate[leg]
+    return p * c + u * s, u * c - p * s, legs.leg_real[leg, Leg.RATE]
 
 
 @ti.func
@@ -175,42 +184,47 @@ def act(
     last: ti.i32, run: ti.i32, seed0: ti.u32, seed1: ti.u32,
 ):  # fmt: skip
     """Have a particle act at its own time: keep its course, take another, seek or hide."""
-    time = cloud.own_due[i]
+    time = cloud.own_real[i, Own.DUE]
     p0, u0 = at(cloud, i)
-    p, u = along(p0, u0, cloud.own_rate[i] * (time - cloud.own_since[i]))
-    cloud.own_acts[i] += 1
-    drawn = words(seed0, seed1, noise.STREAM_ACT, run, cloud.own_serial[i], cloud.own_acts[i])
-    choice, mode = unit(drawn[0]), cloud.own_mode[i]
+    p, u = along(p0, u0, cloud.own_real[i, Own.RATE] * (time - cloud.own_real[i, Own.SINCE]))
+    cloud.own_whole[i, Own.ACTS] += 1
+    drawn = words(seed0, seed1, noise.STREAM_ACT, run, cloud.own_whole[i, Own.SERIAL], cloud.own_whole[i, Own.ACTS])
+    choice, mode = unit(drawn[0]), cloud.own_whole[i, Own.MODE]
     if mode != ACTING:
-        mode = ACTING if choice < rules.rule_leave[law] else mode
-    elif choice > 1.0 - rules.rule_hide[law]:
+        mode = ACTING if choice < rules.rule_real[law, Rule.LEAVE] else mode
+    elif choice > 1.0 - rules.rule_real[law, Rule.HIDE]:
         mode = HIDING
-    elif choice > 1.0 - rules.rule_hide[law] - rules.rule_seek[law]:
+    elif choice > 1.0 - rules.rule_real[law, Rule.HIDE] - rules.rule_real[law, Rule.SEEK]:
         mode = SEEKING
     east, north = frame(p)
     if mode == ACTING:
-        if cloud.own_mode[i] == ACTING and choice < rules.rule_change[law]:
+        if cloud.own_whole[i, Own.MODE] == ACTING and choice < rules.rule_real[law, Rule.CHANGE]:
             course = unit(drawn[1]) * ti.f64(6.283185307179586)
             u = headed(north, east, course)
-            cloud.own_rate[i] = unit(drawn[2]) * rules.rule_fastest[law]
+            cloud.own_real[i, Own.RATE] = unit(drawn[2]) * rules.rule_real[law, Rule.FASTEST]
     else:
         s, v, rate = tracker_at(legs, first, last, time)
         e, n = s.dot(east), s.dot(north)
         course = doubles.atan2(e, n)
         if mode == HIDING:
-            course += ti.f64(3.141592653589793) + (2.0 * unit(drawn[1]) - 1.0) * rules.rule_spread[law]
+            course += ti.f64(3.141592653589793) + (2.0 * unit(drawn[1]) - 1.0) * rules.rule_real[law, Rule.SPREAD]
         else:
             # What is across the line of sight must be the same for both: then the bearing stays and they meet.
             right = p.cross(s).normalized(ti.f64(1e-15)) * ti.f64(-1.0)
-            lead = rate * v.dot(right) / ti.max(cloud.own_rate[i], ti.f64(1e-12))
+            lead = rate * v.dot(right) / ti.max(cloud.own_real[i, Own.RATE], ti.f64(1e-12))
             recedes = rate * v.dot((s * p.dot(s) - p).normalized(ti.f64(1e-15)))
-            if ti.abs(lead) < 1.0 and cloud.own_rate[i] * ti.sqrt(ti.max(1.0 - lead * lead, ti.f64(0.0))) > recedes:
+            if (
+                ti.abs(lead) < 1.0
+                and cloud.own_real[i, Own.RATE] * ti.sqrt(ti.max(1.0 - lead * lead, ti.f64(0.0))) > recedes
+            ):
                 course += doubles.asin(lead)
         u = headed(north, east, course)
-    cloud.own_mode[i] = mode
+    cloud.own_whole[i, Own.MODE] = mode
     anchor(cloud, i, p, u, time)
-    cloud.own_due[i] = (
-        time + rules.rule_soonest[law] + unit(drawn[3]) * (rules.rule_latest[law] - rules.rule_soonest[law])
+    cloud.own_real[i, Own.DUE] = (
+        time
+        + rules.rule_real[law, Rule.SOONEST]
+        + unit(drawn[3]) * (rules.rule_real[law, Rule.LATEST] - rules.rule_real[law, Rule.SOONEST])
     )
 
 
@@ -241,49 +255,55 @@ def keep_off(
     It is looked ahead in pieces that do not depend on `until`, so that no sweep more or less changes where it turns.
     """
     turns, going, back = 0, 1, f64x3(0.0, 0.0, 0.0)
-    while going == 1 and cloud.own_free[i] < until:
-        time, rate = cloud.own_free[i], cloud.own_rate[i]
+    while going == 1 and cloud.own_real[i, Own.FREE] < until:
+        time, rate = cloud.own_real[i, Own.FREE], cloud.own_real[i, Own.RATE]
         p0, u0 = at(cloud, i)
-        p, _u = along(p0, u0, rate * (time - cloud.own_since[i]))
+        p, _u = along(p0, u0, rate * (time - cloud.own_real[i, Own.SINCE]))
         lon, lat = binary(p)
         far = ti.cast(clearance(lon, lat, coast), ti.f64) * ti.f64(UNIT)
         far *= ti.sqrt(p[0] * p[0] + p[1] * p[1]) - far  # the least cosine of a latitude that far off
         if far > ti.f64(ALONG):
-            cloud.own_free[i] = time + far / ti.max(fastest, rate)
+            cloud.own_real[i, Own.FREE] = time + far / ti.max(fastest, rate)
         elif rate <= 0.0:
-            cloud.own_free[i] = NEVER
+            cloud.own_real[i, Own.FREE] = NEVER
         else:
             then = time + ti.f64(ALONG) / rate
-            q, _v = along(p0, u0, rate * (then - cloud.own_since[i]))
+            q, _v = along(p0, u0, rate * (then - cloud.own_real[i, Own.SINCE]))
             to_lon, to_lat = binary(q)
             hit, x, y, share, _edge = first_crossing(lon, lat, to_lon - lon, to_lat - lat, coast)
             met = time + ti.cast(share, ti.f64) * (then - time)
             if hit == 0:
-                cloud.own_free[i] = then
+                cloud.own_real[i, Own.FREE] = then
             elif met > until:
                 going = 0
             else:
                 stop = on_sphere(x, y)
-                if turns == 0 or (met - cloud.own_since[i]) * rate > ti.f64(NOWHERE):
+                if turns == 0 or (met - cloud.own_real[i, Own.SINCE]) * rate > ti.f64(NOWHERE):
                     turns, back = 0, (p - stop * p.dot(stop)).normalized(ti.f64(1e-15))
                 turns += 1
-                cloud.own_acts[i] += 1
-                drawn = words(seed0, seed1, noise.STREAM_ACT, run, cloud.own_serial[i], cloud.own_acts[i])
+                cloud.own_whole[i, Own.ACTS] += 1
+                drawn = words(
+                    seed0, seed1, noise.STREAM_ACT, run, cloud.own_whole[i, Own.SERIAL], cloud.own_whole[i, Own.ACTS]
+                )
                 course = unit(drawn[1]) * ti.f64(6.283185307179586)
                 east, north = frame(stop)
                 onward = headed(north, east, course)
                 if turns > TURNS:
                     onward = back
                 if turns > TURNS + 1 or onward.norm() < 0.5:
-                    onward, cloud.own_rate[i] = north, 0.0  # hemmed in: it stays there until it acts
+                    onward, cloud.own_real[i, Own.RATE] = north, 0.0  # hemmed in: it stays there until it acts
                 anchor(cloud, i, stop, onward, met)
-                cloud.own_free[i] = met
+                cloud.own_real[i, Own.FREE] = met
 
 
 @ti.func
 def clock(rules: ti.template(), law: ti.i32, time: ti.f64, word: ti.u32) -> ti.f64:
     """Return when a particle that is new at a time acts first [s]."""
     due = ti.f64(NEVER)
-    if rules.rule_soonest[law] < NEVER:
-        due = time + rules.rule_soonest[law] + unit(word) * (rules.rule_latest[law] - rules.rule_soonest[law])
+    if rules.rule_real[law, Rule.SOONEST] < NEVER:
+        due = (
+            time
+            + rules.rule_real[law, Rule.SOONEST]
+            + unit(word) * (rules.rule_real[law, Rule.LATEST] - rules.rule_real[law, Rule.SOONEST])
+        )
     return due

@@ -11,21 +11,18 @@ from typing import Any
 
 import taichi as ti
 
-from kernels import noise, runtime
+from kernels import noise, rows, runtime
 from kernels.coast import Ints, Reals
 
-# Columns of an ensemble: what is added to the present step's normals [1].
+# Columns of an ensemble in the rows of one array: what is added to the present step's normals [1].
 NUDGES = ("nudge_current_east", "nudge_current_north", "nudge_wind_east", "nudge_wind_north")
 
 f32x2 = ti.types.vector(2, ti.f32)
 
 
-def nudges_of(columns: Mapping[str, Any], guided: bool) -> tuple[Any, ...]:
-    """Return the columns of nudges, float32 (n,), where particles are guided; else ones never read, (1,)."""
-    if guided:
-        return tuple(columns[name] for name in NUDGES)
-    unread = runtime.empty(1, ti.f32)
-    return (unread,) * len(NUDGES)
+def nudges_of(columns: Mapping[str, Any], guided: bool) -> Any:
+    """Return the array of nudges, float32 (4 n,), where particles are guided; else one never read, (1,)."""
+    return rows.whole(columns, NUDGES) if guided else runtime.empty(1, ti.f32)
 
 
 @ti.kernel
@@ -74,17 +71,7 @@ def project(
 
 
 @ti.kernel
-def nudge(
-    current: ti.f32,
-    wind: ti.f32,
-    begin: ti.i32,
-    east: Reals,
-    north: Reals,
-    current_east: Reals,
-    current_north: Reals,
-    wind_east: Reals,
-    wind_north: Reals,
-):
+def nudge(current: ti.f32, wind: ti.f32, begin: ti.i32, east: Reals, north: Reals, nudges: Reals):
     """Write what one find adds to the normals of one step, or add it where another find has begun.
 
     Args:
@@ -93,14 +80,13 @@ def nudge(
         begin: 1: write; 0: add to the present values.
         east: pull of each particle toward the find [1/m], shape (n,).
         north: its other component.
-        current_east: written: shift of the current's normals, shape (n,).
-        current_north: its other component.
-        wind_east: written: shift of the wind's normals, shape (n,).
-        wind_north: its other component.
+        nudges: written: shifts of the current's and the wind's normals, shape (4 n,) in rows NUDGES.
     """
-    for i in range(east.shape[0]):
-        old = ti.Vector([current_east[i], current_north[i], wind_east[i], wind_north[i]])
-        if begin == 1:
-            old = ti.Vector([0.0, 0.0, 0.0, 0.0])
-        current_east[i], current_north[i] = old[0] + current * east[i], old[1] + current * north[i]
-        wind_east[i], wind_north[i] = old[2] + wind * east[i], old[3] + wind * north[i]
+    n = east.shape[0]
+    for i in range(n):
+        pull = ti.Vector([current * east[i], current * north[i], wind * east[i], wind * north[i]])
+        for k in ti.static(range(4)):
+            old = nudges[k * n + i]
+            if begin == 1:
+                old = 0.0
+            nudges[k * n + i] = old + pull[k]

@@ -7,9 +7,13 @@ resampling keeps it; what chance decides later has the target's own slot in its 
 All phases of all scenarios lie in one `Plan`. Times are whole seconds after the run's start.
 """
 
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
 import taichi as ti
 
-from kernels import angles, noise, sphere, spreads
+from kernels import angles, launch, noise, runtime, sphere, spreads
 from kernels.coast import Ints, Reals, is_wet
 from kernels.prior import inside_ring
 
@@ -34,37 +38,54 @@ INWARD = 10.0  # [m] before the edge of its polygon at which a loiterer turns, s
 f32x2 = ti.types.vector(2, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
 
+# The tables of all itineraries, those of whole numbers in one array, the others in another. `_at`: where a table begins
+# in its array. Vertices stand first.
 Plan = ti.types.argpack(
+    numbers=Ints,
+    laws=Reals,
     # By scenario: first phase, the one after its last; bits of what land means; law of the distress, and its
     # earliest time [s].
-    stories=Ints,
-    # By scenario: distress after the earliest time [s], or by share of the voyage (4), see spreads.triangle; its
-    # rate [1/s].
-    story_laws=Reals,
+    stories_at=ti.i32,
     # By phase: kind; first way point, those all targets pass, destinations to choose from after them; first vertex of a
     # ring, its vertices; when it is over [s], how long it lasts at most [s]; when it starts at the earliest [s], for
     # times of way points; row of its behaviour.
-    phases=Ints,
+    phases_at=ti.i32,
+    # By way point: law of the place; lon, lat; first vertex of a ring, its vertices; the ring's box (west, south, width,
+    # height); law of the time, and its beginning or mean [s after the start].
+    points_at=ti.i32,
+    # By vertex of the trackers' ways: time [s], ascending in each; lon, lat
+    tracks_at=ti.i32,
+    # By scenario: distress after the earliest time [s], or by share of the voyage (4), see spreads.triangle; its
+    # rate [1/s].
+    story_laws_at=ti.i32,
     # By phase: course [rad] (4), speed [m/s] (4), start after the earliest [s] (4): see spreads.triangle; mean time
     # between changes of course [s], 0: none; mean length of a leg [m]; K [m/sqrt(s)], standard deviation of its
     # logarithm; lowest and highest speed made good between way points with times [m/s].
-    phase_laws=Reals,
-    # By way point: law of the place; lon, lat; first vertex of a ring, its vertices; the ring's box (west, south, width,
-    # height); law of the time, and its beginning or mean [s after the start].
-    points=Ints,
+    phase_laws_at=ti.i32,
     # By way point: major, minor axis [m] and orientation [rad from north] (of a lane: half width, -, bearing of the
     # displacement); distance from the way point before [m]; how much of the deviation from the way point before it has,
     # east of east, east of north, north of east, north of north; time (4), see spreads.triangle, or its standard
     # deviation [s]; largest cos(lat) in the ring; probability of this destination and those before.
-    point_laws=Reals,
-    # lon, lat of rings
-    vertices=Ints,
+    point_laws_at=ti.i32,
     # By behaviour: least and longest time between acts [s]; probability to change, to seek, to hide and to leave that;
     # sector on either side in which one hides [rad]; highest speed [m/s]. Its phase's vertices are those of `tracks`.
-    behaviours=Reals,
-    # By vertex of the trackers' ways: time [s], ascending in each; lon, lat
-    tracks=Ints,
+    behaviours_at=ti.i32,
 )
+NUMBERS = ("vertices", "stories", "phases", "points", "tracks")  # tables in the order in which they stand
+LAWS = ("story_laws", "phase_laws", "point_laws", "behaviours")
+
+
+def packed(tables: Mapping[str, np.ndarray]) -> Any:
+    """Return a `Plan` of tables by name, flat: int32 those of NUMBERS, float32 those of LAWS.
+
+    `vertices` holds lon, lat of rings.
+    """
+    arrays, begins = [], {}
+    for names in (NUMBERS, LAWS):
+        ends = np.cumsum([tables[name].size for name in names]).tolist()
+        begins |= {f"{name}_at": begin for name, begin in zip(names, [0, *ends], strict=False)}
+        arrays.append(runtime.upload(np.concatenate([tables[name] for name in names])))
+    return launch.pack(Plan, *arrays, *(begins[name] for name in list(Plan.members)[2:]))
 
 
 @ti.dataclass
@@ -128,10 +149,10 @@ def first(key: Chance, phase: ti.i32) -> Chance:
 @ti.func
 def course_of(plan: ti.template(), key: Chance, phase: ti.i32):
     """Return a course [rad] and a speed [m/s] of a phase that keeps them, and a word for when it changes them."""
-    at = phase * PHASE_LAW
+    at = plan.phase_laws_at + phase * PHASE_LAW
     w, v = drawn(key, 0), drawn(key, 1)
-    course = spreads.triangle(law(plan.phase_laws, at), noise.uniform(w[0]), noise.uniform(w[1]))
-    speed = spreads.triangle(law(plan.phase_laws, at + 4), noise.uniform(v[0]), noise.uniform(v[1]))
+    course = spreads.triangle(law(plan.laws, at), noise.uniform(w[0]), noise.uniform(w[1]))
+    speed = spreads.triangle(law(plan.laws, at + 4), noise.uniform(v[0]), noise.uniform(v[1]))
     return course, speed, w[2]
 
 
@@ -143,7 +164,7 @@ def law(table: ti.template(), first: ti.i32) -> f32x4:
 @ti.func
 def speed_of(plan: ti.template(), phase: ti.i32, words: ti.types.vector(4, ti.u32)) -> ti.f32:
     """Return the speed [m/s] that is settled for a phase; words: those of number 0."""
-    speeds = law(plan.phase_laws, phase * PHASE_LAW + 4)
+    speeds = law(plan.laws, plan.phase_laws_at + phase * PHASE_LAW + 4)
     return spreads.triangle(speeds, noise.uniform(words[0]), noise.uniform(words[1]))
 
 
@@ -157,14 +178,16 @@ def own_speed(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.f32:
 def own_start(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.i32:
     """Return when [s] the itinerary of a phase starts: the time that offsets of its way points count from."""
     w = settled(key, phase, 1)
-    after = spreads.triangle(law(plan.phase_laws, phase * PHASE_LAW + 8), noise.uniform(w[0]), noise.uniform(w[1]))
-    return plan.phases[phase * PHASE + 8] + ti.cast(ti.round(after), ti.i32)
+    starts = law(plan.laws, plan.phase_laws_at + phase * PHASE_LAW + 8)
+    after = spreads.triangle(starts, noise.uniform(w[0]), noise.uniform(w[1]))
+    return plan.numbers[plan.phases_at + phase * PHASE + 8] + ti.cast(ti.round(after), ti.i32)
 
 
 @ti.func
 def own_k(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.f32:
     """Return the K [m/sqrt(s)] of a phase's bridges."""
-    k, spread = plan.phase_laws[phase * PHASE_LAW + 14], plan.phase_laws[phase * PHASE_LAW + 15]
+    at = plan.phase_laws_at + phase * PHASE_LAW + 14
+    k, spread = plan.laws[at], plan.laws[at + 1]
     if spread > 0.0:
         w = settled(key, phase, 1)
         k *= ti.exp(spread * noise.normals(w[2], w[3])[0])
@@ -175,9 +198,11 @@ def own_k(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.f32:
 def destination_of(plan: ti.template(), phase: ti.i32, words: ti.types.vector(4, ti.u32)) -> ti.i32:
     """Return the number of a phase's destination, from 0; words: those of number 0."""
     u = noise.uniform(words[3])
-    first = plan.phases[phase * PHASE + 1] + plan.phases[phase * PHASE + 2]
+    row = plan.phases_at + phase * PHASE
+    first, many = plan.numbers[row + 1] + plan.numbers[row + 2], plan.numbers[row + 3]
+    at = plan.point_laws_at + first * POINT_LAW + 13
     chosen = 0
-    while chosen < plan.phases[phase * PHASE + 3] - 1 and u > plan.point_laws[(first + chosen) * POINT_LAW + 13]:
+    while chosen < many - 1 and u > plan.laws[at + chosen * POINT_LAW]:
         chosen += 1
     return chosen
 
@@ -190,7 +215,7 @@ def own_destination(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.i32:
 
 @ti.func
 def _in_ring(plan: ti.template(), lon: ti.i32, lat: ti.i32, west: ti.i32, first: ti.i32, many: ti.i32):
-    return inside_ring(lon, lat, west, plan.vertices, first, many)
+    return inside_ring(lon, lat, west, plan.numbers, first, many)
 
 
 @ti.func
@@ -206,18 +231,18 @@ def place(
 
     before: deviation (east, north) [m] of the target from the centre of the way point before.
     """
-    n, at = point * POINT, point * POINT_LAW
-    kind, x, y = plan.points[n], plan.points[n + 1], plan.points[n + 2]
+    n, at = plan.points_at + point * POINT, plan.point_laws_at + point * POINT_LAW
+    kind, x, y = plan.numbers[n], plan.numbers[n + 1], plan.numbers[n + 2]
     found = 1
     if kind == RING:
-        width, height = ti.cast(plan.points[n + 7], ti.u32), ti.cast(plan.points[n + 8], ti.u32)
-        x = plan.points[n + 5] + ti.cast(ti.cast(words[0], ti.u64) * ti.cast(width, ti.u64) >> ti.u64(32), ti.i32)
-        y = plan.points[n + 6] + ti.cast(ti.cast(words[1], ti.u64) * ti.cast(height, ti.u64) >> ti.u64(32), ti.i32)
+        width, height = ti.cast(plan.numbers[n + 7], ti.u32), ti.cast(plan.numbers[n + 8], ti.u32)
+        x = plan.numbers[n + 5] + ti.cast(ti.cast(words[0], ti.u64) * ti.cast(width, ti.u64) >> ti.u64(32), ti.i32)
+        y = plan.numbers[n + 6] + ti.cast(ti.cast(words[1], ti.u64) * ti.cast(height, ti.u64) >> ti.u64(32), ti.i32)
         found = 0
-        if noise.uniform(words[2]) * plan.point_laws[at + 12] < sphere.cos_lat(y):
-            found = _in_ring(plan, x, y, plan.points[n + 5], plan.points[n + 3], plan.points[n + 4])
+        if noise.uniform(words[2]) * plan.laws[at + 12] < sphere.cos_lat(y):
+            found = _in_ring(plan, x, y, plan.numbers[n + 5], plan.numbers[n + 3], plan.numbers[n + 4])
     else:
-        major, minor, turn = plan.point_laws[at], plan.point_laws[at + 1], plan.point_laws[at + 2]
+        major, minor, turn = plan.laws[at], plan.laws[at + 1], plan.laws[at + 2]
         along, across = 0.0, 0.0
         if kind == ACROSS or kind == ASIDE:
             w = settled(key, phase, 3)
@@ -234,8 +259,8 @@ def place(
             g = noise.normals(words[0], words[1])
             along, across = major * g[0], minor * g[1]
         s, c = angles.sincos(turn)
-        east = along * s + across * c + plan.point_laws[at + 4] * before[0] + plan.point_laws[at + 5] * before[1]
-        north = along * c - across * s + plan.point_laws[at + 6] * before[0] + plan.point_laws[at + 7] * before[1]
+        east = along * s + across * c + plan.laws[at + 4] * before[0] + plan.laws[at + 5] * before[1]
+        north = along * c - across * s + plan.laws[at + 6] * before[0] + plan.laws[at + 7] * before[1]
         x, y = sphere.exponential(x, y, east, north)
     return x, y, found
 
@@ -243,13 +268,13 @@ def place(
 @ti.func
 def when(plan: ti.template(), point: ti.i32, start: ti.i32, word: ti.u32, other: ti.u32) -> ti.i32:
     """Return the time [s] of a way point that has one of its own: a candidate from its law."""
-    at = point * POINT_LAW + 8
+    at = plan.point_laws_at + point * POINT_LAW + 8
     after = 0.0
-    if plan.points[point * POINT + 9] == AT_TIME:
-        after = spreads.triangle(law(plan.point_laws, at), noise.uniform(word), noise.uniform(other))
+    if plan.numbers[plan.points_at + point * POINT + 9] == AT_TIME:
+        after = spreads.triangle(law(plan.laws, at), noise.uniform(word), noise.uniform(other))
     else:
-        after = plan.point_laws[at] * noise.normals(word, other)[0]
-    return start + plan.points[point * POINT + 10] + ti.cast(ti.round(after), ti.i32)
+        after = plan.laws[at] * noise.normals(word, other)[0]
+    return start + plan.numbers[plan.points_at + point * POINT + 10] + ti.cast(ti.round(after), ti.i32)
 
 
 @ti.func
@@ -263,7 +288,7 @@ def set_at(target: Target, time: ti.i32):
 @ti.func
 def on_course(plan: ti.template(), phase: ti.i32) -> ti.i32:
     """Return whether a phase keeps a course from one event to the next: a rhumb line."""
-    kind = plan.phases[phase * PHASE]
+    kind = plan.numbers[plan.phases_at + phase * PHASE]
     return kind == COURSE or kind == ACTS
 
 
@@ -275,19 +300,20 @@ def aim(coastal: ti.i32, plan: ti.template(), key: Chance, story: ti.i32, target
     settling = 1
     while settling == 1:
         settling = 0
-        if t.phase >= plan.stories[story * STORY + 1]:
+        if t.phase >= plan.numbers[plan.stories_at + story * STORY + 1]:
             t.over = 1
             t.to_lon, t.to_lat, t.to_time = t.lon, t.lat, NEVER
         else:
-            kind = plan.phases[t.phase * PHASE]
+            row = plan.phases_at + t.phase * PHASE
+            kind = plan.numbers[row]
             if t.leg == 0 and kind != WAY:
-                lasting, until = plan.phases[t.phase * PHASE + 7], plan.phases[t.phase * PHASE + 6]
+                lasting, until = plan.numbers[row + 7], plan.numbers[row + 6]
                 t.phase_end = until
                 if lasting < NEVER - t.time:
                     t.phase_end = ti.min(until, t.time + lasting)
             done = 0
             if kind == WAY:
-                many = plan.phases[t.phase * PHASE + 2] + ti.min(plan.phases[t.phase * PHASE + 3], 1)
+                many = plan.numbers[row + 2] + ti.min(plan.numbers[row + 3], 1)
                 done = ti.cast(t.leg >= many, ti.i32)
             else:
                 done = ti.cast(t.time >= t.phase_end, ti.i32)
@@ -302,9 +328,9 @@ def aim(coastal: ti.i32, plan: ti.template(), key: Chance, story: ti.i32, target
                 w = settled(key, t.phase, 0)
                 t.speed = speed_of(plan, t.phase, w)
                 if kind == WAY:
-                    point = plan.phases[t.phase * PHASE + 1] + t.leg
-                    if t.leg >= plan.phases[t.phase * PHASE + 2]:
-                        point = plan.phases[t.phase * PHASE + 1] + plan.phases[t.phase * PHASE + 2]
+                    point = plan.numbers[row + 1] + t.leg
+                    if t.leg >= plan.numbers[row + 2]:
+                        point = plan.numbers[row + 1] + plan.numbers[row + 2]
                         point += destination_of(plan, t.phase, w)
                 else:
                     t, point = _loiter(plan, key, t)
@@ -327,17 +353,18 @@ def _way_point(
     t = target
     before = f32x2(0.0)
     if t.leg > 0:
-        n = (plan.phases[t.phase * PHASE + 1] + t.leg - 1) * POINT
-        before = sphere.offset(plan.points[n + 1], plan.points[n + 2], t.lon, t.lat)
-    slowest, fastest = plan.phase_laws[t.phase * PHASE_LAW + 16], plan.phase_laws[t.phase * PHASE_LAW + 17]
-    by_speed = plan.points[point * POINT + 9] == BY_SPEED
+        n = plan.points_at + (plan.numbers[plan.phases_at + t.phase * PHASE + 1] + t.leg - 1) * POINT
+        before = sphere.offset(plan.numbers[n + 1], plan.numbers[n + 2], t.lon, t.lat)
+    at = plan.phase_laws_at + t.phase * PHASE_LAW
+    slowest, fastest = plan.laws[at + 16], plan.laws[at + 17]
+    by_speed = plan.numbers[plan.points_at + point * POINT + 9] == BY_SPEED
     start = own_start(plan, key, t.phase)
     tries, good = 0, 0
     x, y, time, far = t.lon, t.lat, t.time, 0.0
     while good == 0 and tries < TRIES:
         x, y, good = place(plan, key, t.phase, point, before, drawn(key, tries))
         if coastal == 1:
-            if good == 1 and plan.stories[story * STORY + 2] & WET:
+            if good == 1 and plan.numbers[plan.stories_at + story * STORY + 2] & WET:
                 good = is_wet(x, y, coast)
         way = sphere.offset(t.lon, t.lat, x, y)
         far = ti.sqrt(way[0] * way[0] + way[1] * way[1])
@@ -349,7 +376,7 @@ def _way_point(
                 good = 0
         tries += 1
     if by_speed:
-        length = plan.point_laws[point * POINT_LAW + 3]
+        length = plan.laws[plan.point_laws_at + point * POINT_LAW + 3]
         if t.leg == 0:
             length = far
         time = t.time + ti.max(ti.cast(ti.round(length / t.speed), ti.i32), 1)
@@ -363,7 +390,7 @@ def _way_point(
 def _course(plan: ti.template(), key: Chance, target: Target):
     """Return a target with a course and a speed, and when it changes them."""
     t = target
-    rate = plan.phase_laws[t.phase * PHASE_LAW + 12]
+    rate = plan.laws[plan.phase_laws_at + t.phase * PHASE_LAW + 12]
     own = key
     if t.leg == 0:
         own = first(key, t.phase)
@@ -386,7 +413,7 @@ def _act(plan: ti.template(), key: Chance, target: Target):
     Naval Postgraduate School, hdl.handle.net/10945/3648, figure 50). kernels.follower does the same for a tracker's clouds.
     """
     t = target
-    row = plan.phases[t.phase * PHASE + 8] * BEHAVIOUR
+    row = plan.behaviours_at + plan.numbers[plan.phases_at + t.phase * PHASE + 8] * BEHAVIOUR
     w = drawn(key, 0)
     if t.leg == 0:
         own = first(key, t.phase)
@@ -394,20 +421,20 @@ def _act(plan: ti.template(), key: Chance, target: Target):
         t.leg, w = FREE, drawn(own, 2)
     else:
         was, choice = t.leg, noise.uniform(w[0])
-        hide, seek = plan.behaviours[row + 4], plan.behaviours[row + 3]
+        hide, seek = plan.laws[row + 4], plan.laws[row + 3]
         if was != FREE:
-            if choice < plan.behaviours[row + 5]:
+            if choice < plan.laws[row + 5]:
                 t.leg = FREE
         elif choice > 1.0 - hide:
             t.leg = HIDING
         elif choice > 1.0 - hide - seek:
             t.leg = SEEKING
-        elif choice < plan.behaviours[row + 2]:
+        elif choice < plan.laws[row + 2]:
             t.course = 6.283185307179586 * noise.uniform(w[1])
-            t.speed = plan.behaviours[row + 7] * noise.uniform(w[2])
+            t.speed = plan.laws[row + 7] * noise.uniform(w[2])
         if t.leg != FREE:
             t.course = _reaction(plan, t, row, noise.uniform(w[1]))
-    soonest, latest = plan.behaviours[row], plan.behaviours[row + 1]
+    soonest, latest = plan.laws[row], plan.laws[row + 1]
     wait = soonest + (latest - soonest) * noise.uniform(w[3])
     t.to_time = t.phase_end
     if wait < ti.cast(t.phase_end - t.time, ti.f32):
@@ -419,12 +446,13 @@ def _act(plan: ti.template(), key: Chance, target: Target):
 @ti.func
 def _reaction(plan: ti.template(), t: Target, row: ti.i32, uniform: ti.f32) -> ti.f32:
     """Return the course [rad] of a target that seeks or hides, as it sees its tracker now."""
-    x, y, pace = tracker_at(plan, plan.phases[t.phase * PHASE + 4], plan.phases[t.phase * PHASE + 5], t.time)
+    tracker = plan.phases_at + t.phase * PHASE + 4
+    x, y, pace = tracker_at(plan, plan.numbers[tracker], plan.numbers[tracker + 1], t.time)
     dlon, dlat = set_at(t, t.time)
     sight = sphere.offset(t.lon + dlon, t.lat + dlat, x, y)
     course = angles.atan2(sight[0], sight[1])
     if t.leg == HIDING:
-        course += 3.141592653589793 + (2.0 * uniform - 1.0) * plan.behaviours[row + 6]
+        course += 3.141592653589793 + (2.0 * uniform - 1.0) * plan.laws[row + 6]
     else:
         # What is across the line of sight must be the same for both: then the bearing stays and they meet.
         back = sphere.offset(x, y, t.lon + dlon, t.lat + dlat)
@@ -442,27 +470,27 @@ def tracker_at(plan: ti.template(), vertex: ti.i32, many: ti.i32, time: ti.i32):
     low, high = 0, many - 1
     while low < high:
         middle = (low + high) // 2
-        if plan.tracks[(vertex + middle) * VERTEX_IN_TIME] > time:
+        if plan.numbers[plan.tracks_at + (vertex + middle) * VERTEX_IN_TIME] > time:
             high = middle
         else:
             low = middle + 1
     # `low` is the first vertex after the time, or the last of all.
-    b = (vertex + low) * VERTEX_IN_TIME
+    b = plan.tracks_at + (vertex + low) * VERTEX_IN_TIME
     a = b - ti.select(low > 0, VERTEX_IN_TIME, 0)
-    x, y, velocity = plan.tracks[b + 1], plan.tracks[b + 2], f32x2(0.0)
-    if plan.tracks[b] > time:
-        x, y = plan.tracks[a + 1], plan.tracks[a + 2]
-        if plan.tracks[a] <= time:
-            way = sphere.offset(x, y, plan.tracks[b + 1], plan.tracks[b + 2])
-            share = ti.cast(time - plan.tracks[a], ti.f32) / ti.cast(plan.tracks[b] - plan.tracks[a], ti.f32)
+    x, y, velocity = plan.numbers[b + 1], plan.numbers[b + 2], f32x2(0.0)
+    if plan.numbers[b] > time:
+        x, y = plan.numbers[a + 1], plan.numbers[a + 2]
+        if plan.numbers[a] <= time:
+            way = sphere.offset(x, y, plan.numbers[b + 1], plan.numbers[b + 2])
+            share = ti.cast(time - plan.numbers[a], ti.f32) / ti.cast(plan.numbers[b] - plan.numbers[a], ti.f32)
             x, y = sphere.exponential(x, y, share * way[0], share * way[1])
             # By the farther of both ends: positions are whole units of 9 mm.
             if share < 0.5:
-                velocity = sphere.offset(x, y, plan.tracks[b + 1], plan.tracks[b + 2])
-                velocity /= ti.cast(plan.tracks[b] - time, ti.f32)
+                velocity = sphere.offset(x, y, plan.numbers[b + 1], plan.numbers[b + 2])
+                velocity /= ti.cast(plan.numbers[b] - time, ti.f32)
             else:
-                velocity = sphere.offset(x, y, plan.tracks[a + 1], plan.tracks[a + 2])
-                velocity /= ti.cast(plan.tracks[a] - time, ti.f32)
+                velocity = sphere.offset(x, y, plan.numbers[a + 1], plan.numbers[a + 2])
+                velocity /= ti.cast(plan.numbers[a] - time, ti.f32)
     return x, y, velocity
 
 
@@ -477,18 +505,16 @@ def _loiter(plan: ti.template(), key: Chance, target: Target):
     A target that comes from outside goes in first, to any place in the polygon: the way point of the number returned.
     """
     t = target
-    row, first = t.phase * PHASE, t.phase * PHASE_LAW
-    vertex, many = plan.phases[row + 4], plan.phases[row + 5]
+    row, first = plan.phases_at + t.phase * PHASE, plan.phase_laws_at + t.phase * PHASE_LAW
+    vertex, many = plan.numbers[row + 4], plan.numbers[row + 5]
     w = drawn(key, 0)
     if t.leg < 2:
         t.course = 6.283185307179586 * noise.uniform(w[0])
     else:
         a, b = vertex + t.leg - 2, vertex + ti.select(t.leg - 1 < many, t.leg - 1, 0)
-        edge = sphere.offset(
-            plan.vertices[2 * a], plan.vertices[2 * a + 1], plan.vertices[2 * b], plan.vertices[2 * b + 1]
-        )
+        edge = sphere.offset(plan.numbers[2 * a], plan.numbers[2 * a + 1], plan.numbers[2 * b], plan.numbers[2 * b + 1])
         t.course = 2.0 * angles.atan2(edge[0], edge[1]) - t.course
-    length = spreads.waiting(plan.phase_laws[first + 13], noise.uniform(w[1]))
+    length = spreads.waiting(plan.laws[first + 13], noise.uniform(w[1]))
     length = ti.min(length, t.speed * ti.cast(t.phase_end - t.time, ti.f32))
     s, c = angles.sincos(t.course)
     # Great circles are straight in the gnomonic plane of the target, where the tangent of an arc is its length.
@@ -515,14 +541,14 @@ def _loiter(plan: ti.template(), key: Chance, target: Target):
         t.to_lon, t.to_lat = sphere.exponential(t.lon, t.lat, length * s, length * c)
         t.to_time = t.time + ti.max(ti.cast(ti.round(length / t.speed), ti.i32), 1)
     else:
-        point, t.leg = plan.phases[row + 1], 0  # where it arrives, its leg is 1
+        point, t.leg = plan.numbers[row + 1], 0  # where it arrives, its leg is 1
     return t, point
 
 
 @ti.func
 def _gnomonic(plan: ti.template(), lon: ti.i32, lat: ti.i32, vertex: ti.i32) -> f32x2:
     """Return a vertex (east, north) in the gnomonic plane of a position, in radii of the Earth."""
-    way = sphere.offset(lon, lat, plan.vertices[2 * vertex], plan.vertices[2 * vertex + 1])
+    way = sphere.offset(lon, lat, plan.numbers[2 * vertex], plan.numbers[2 * vertex + 1])
     far = ti.sqrt(way[0] * way[0] + way[1] * way[1])
     scale = ti.f32(1.0 / sphere.RADIUS)
     if far > 1.0:

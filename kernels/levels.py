@@ -3,7 +3,7 @@
 import taichi as ti
 
 from kernels import doubles
-from kernels.follower import at, f64x3, turned, vector
+from kernels.follower import Own, at, f64x3, turned, vector
 
 SAME = 1e-9  # [rad] within which particles are at one place: 6 mm
 PICKS = 101  # particles among which the target is ranked by density
@@ -19,26 +19,26 @@ def level(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64, mean:
     squared = ti.f64(0.0)
     for j in range(count):
         p0, u0 = at(cloud, base + j)
-        p, _u = turned(p0, u0, cloud.own_rate[base + j] * (time - cloud.own_since[base + j]))
+        p, _u = turned(p0, u0, cloud.own_real[base + j, Own.RATE] * (time - cloud.own_real[base + j, Own.SINCE]))
         for d in ti.static(range(3)):
-            cloud.own_scratch[3 * (base + j) + d] = p[d]
-        apart, w = p - mean, cloud.own_weight[base + j]
+            cloud.own_real[base + j, Own.SCRATCH + d] = p[d]
+        apart, w = p - mean, cloud.own_real[base + j, Own.WEIGHT]
         squared += w * apart.dot(apart)
     picks = ti.min(count, PICKS)
     # Duplicates that have not parted tell no more than one of them: each pick's weight is that of all that are where it is.
     picked, together = ti.f64(0.0), ti.f64(0.0)
     for pick in range(picks):
         i = base + pick * count // picks
-        picked += cloud.own_weight[i]
-        together += cloud.own_weight[i] * at_one(cloud, base, count, vector(cloud.own_scratch, i))
+        picked += cloud.own_real[i, Own.WEIGHT]
+        together += cloud.own_real[i, Own.WEIGHT] * at_one(cloud, base, count, vector(cloud.own_real, i, Own.SCRATCH))
     effective = total * picked / together
     reach = ti.f64(2.4 * 2.4) * squared / total * ti.f64(0.5) * doubles.inverse_cube_root(effective)
     there = density(cloud, base, count, target, -1, reach)
     denser = ti.f64(0.0)
     for pick in range(picks):
         i = base + pick * count // picks
-        if density(cloud, base, count, vector(cloud.own_scratch, i), i, reach) > there:
-            denser += cloud.own_weight[i]
+        if density(cloud, base, count, vector(cloud.own_real, i, Own.SCRATCH), i, reach) > there:
+            denser += cloud.own_real[i, Own.WEIGHT]
     return denser / picked
 
 
@@ -47,9 +47,9 @@ def at_one(cloud: ti.template(), base: ti.i32, count: ti.i32, place: f64x3) -> t
     """Return the weight of all particles at a place."""
     found = ti.f64(0.0)
     for j in range(count):
-        apart = vector(cloud.own_scratch, base + j) - place
+        apart = vector(cloud.own_real, base + j, Own.SCRATCH) - place
         if apart.dot(apart) < ti.f64(SAME * SAME):
-            found += cloud.own_weight[base + j]
+            found += cloud.own_real[base + j, Own.WEIGHT]
     return found
 
 
@@ -59,7 +59,7 @@ def density(cloud: ti.template(), base: ti.i32, count: ti.i32, place: f64x3, wit
     found = ti.f64(0.0)
     for j in range(count):
         i = base + j
-        apart = vector(cloud.own_scratch, i) - place
+        apart = vector(cloud.own_real, i, Own.SCRATCH) - place
         if i != without:
-            found += cloud.own_weight[i] * ti.max(1.0 - apart.dot(apart) / reach, ti.f64(0.0))
+            found += cloud.own_real[i, Own.WEIGHT] * ti.max(1.0 - apart.dot(apart) / reach, ti.f64(0.0))
     return found

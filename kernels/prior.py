@@ -6,9 +6,11 @@ conditioned on water. How many candidates were drawn tells the share of the prio
 first, last: the slots, from the first to before the last; number: of the first in the whole run, the key of its noise.
 """
 
+from typing import Any
+
 import taichi as ti
 
-from kernels import angles, noise, sphere
+from kernels import angles, noise, rows, sphere
 from kernels.coast import Coast, Ints, Reals, is_wet
 
 TRIES = 4096  # a prior with less than 1 % of water still fails with probability 1e-18 only
@@ -237,12 +239,14 @@ def draw_release(
 
 
 @ti.kernel
-def draw_object(
+def _draw_object(
     first: ti.i32,
     last: ti.i32,
     number: ti.i32,
     slope: Reals,
+    slope_at: ti.i32,
     offset: Reals,
+    offset_at: ti.i32,
     line: ti.i32,
     seed0: ti.u32,
     seed1: ti.u32,
@@ -252,12 +256,7 @@ def draw_object(
     offset_std: ti.f32,
     least: ti.f32,
 ):
-    """Draw each particle's own slope and offset [m/s] of one leeway line; both move with one normal number.
-
-    So the standard deviation at wind speed W is slope_std W + offset_std (Breivik and Allen 2008,
-    doi:10.1016/j.jmarsys.2007.02.010). A slope below `least` is drawn anew with its offset, which cuts the normal law
-    there (docs/leeway.md). No more than half of the law may lie below. A slope that fails REDRAWS times is `least`.
-    """
+    """See `draw_object`; slope_at, offset_at: first element of the column in its array."""
     for i in range(first, last):
         own, n = least, (least - mean_slope) / ti.max(slope_std, 1e-30)
         k, found = 0, 0
@@ -267,8 +266,33 @@ def draw_object(
             k += 1
             if mean_slope + slope_std * drawn >= least:
                 own, n, found = mean_slope + slope_std * drawn, drawn, 1
-        slope[i] = own
-        offset[i] = mean_offset + offset_std * n
+        slope[slope_at + i] = own
+        offset[offset_at + i] = mean_offset + offset_std * n
+
+
+def draw_object(
+    first: int,
+    last: int,
+    number: int,
+    slope: Any,
+    offset: Any,
+    line: int,
+    seed0: int,
+    seed1: int,
+    mean_slope: float,
+    mean_offset: float,
+    slope_std: float,
+    offset_std: float,
+    least: float,
+) -> None:
+    """Draw each particle's own slope and offset [m/s] of one leeway line; both move with one normal number.
+
+    So the standard deviation at wind speed W is slope_std W + offset_std (Breivik and Allen 2008,
+    doi:10.1016/j.jmarsys.2007.02.010). A slope below `least` is drawn anew with its offset, which cuts the normal law
+    there (docs/leeway.md). No more than half of the law may lie below. A slope that fails REDRAWS times is `least`.
+    """
+    law = mean_slope, mean_offset, slope_std, offset_std, least
+    _draw_object(first, last, number, *rows.located(slope), *rows.located(offset), line, seed0, seed1, *law)
 
 
 @ti.kernel
@@ -280,25 +304,34 @@ def draw_side(first: ti.i32, last: ti.i32, number: ti.i32, side: Ints, seed0: ti
 
 
 @ti.kernel
-def draw_error(
+def _draw_error(
     first: ti.i32,
     last: ti.i32,
     number: ti.i32,
     east: Reals,
+    east_at: ti.i32,
     north: Reals,
+    north_at: ti.i32,
     which: ti.i32,
     seed0: ti.u32,
     seed1: ti.u32,
     std: ti.f32,
 ):
+    """See `draw_error`; east_at, north_at: first element of the column in its array."""
+    for i in range(first, last):
+        w = noise.words(seed0, seed1, noise.STREAM_ERROR, number + i - first, which)
+        n = noise.normals(w[0], w[1])
+        east[east_at + i], north[north_at + i] = std * n[0], std * n[1]
+
+
+def draw_error(
+    first: int, last: int, number: int, east: Any, north: Any, which: int, seed0: int, seed1: int, std: float
+) -> None:
     """Draw errors [m/s], normal with standard deviation `std` a component.
 
     which: 0 for errors of the current, 1 for errors of the wind, 2 for biases of the current.
     """
-    for i in range(first, last):
-        w = noise.words(seed0, seed1, noise.STREAM_ERROR, number + i - first, which)
-        n = noise.normals(w[0], w[1])
-        east[i], north[i] = std * n[0], std * n[1]
+    _draw_error(first, last, number, *rows.located(east), *rows.located(north), which, seed0, seed1, std)
 
 
 @ti.kernel
@@ -352,32 +385,45 @@ def draw_objects(
 
 
 @ti.kernel
-def draw_immersion(
+def _draw_immersion(
     first: ti.i32,
     last: ti.i32,
     number: ti.i32,
     slope: Reals,
+    slope_at: ti.i32,
     seed0: ti.u32,
     seed1: ti.u32,
     low: ti.f32,
     high: ti.f32,
     ratio: ti.f32,
 ):
+    """See `draw_immersion`; slope_at: first element of the column in its array."""
+    for i in range(first, last):
+        w = noise.words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, -2)
+        immersion = low + (high - low) * noise.uniform(w[0])
+        slope[slope_at + i] = ratio * ti.sqrt((1.0 - immersion) / immersion)
+
+
+def draw_immersion(
+    first: int, last: int, number: int, slope: Any, seed0: int, seed1: int, low: float, high: float, ratio: float
+) -> None:
     """Draw each object's immersion I, uniform in [low, high], and write its downwind slope.
 
     The slope is ratio * sqrt((1 - I) / I).
     """
-    for i in range(first, last):
-        w = noise.words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, -2)
-        immersion = low + (high - low) * noise.uniform(w[0])
-        slope[i] = ratio * ti.sqrt((1.0 - immersion) / immersion)
+    _draw_immersion(first, last, number, *rows.located(slope), seed0, seed1, low, high, ratio)
 
 
 @ti.kernel
-def scale_windage(first: ti.i32, last: ti.i32, column: Reals, world: Ints, factor: Reals):
-    """Multiply a column of leeway by its world's factor."""
+def _scale_windage(first: ti.i32, last: ti.i32, column: Reals, column_at: ti.i32, world: Ints, factor: Reals):
+    """See `scale_windage`; column_at: first element of the column in its array."""
     for i in range(first, last):
-        column[i] *= factor[world[i]]
+        column[column_at + i] *= factor[world[i]]
+
+
+def scale_windage(first: int, last: int, column: Any, world: Any, factor: Any) -> None:
+    """Multiply a column of leeway by its world's factor."""
+    _scale_windage(first, last, *rows.located(column), world, factor)
 
 
 @ti.kernel

@@ -5,10 +5,11 @@ It is a function of the birth slot, which copies made by resampling inherit, so 
 
 import taichi as ti
 
-from kernels import batch, itinerary, launch, noise
+from kernels import batch, itinerary, launch, noise, rows, steer
 from kernels.batch import Batch
 from kernels.coast import Ints, Reals
 from kernels.itinerary import PHASE, POINT_LAW, Chance, Plan
+from kernels.steer import Own
 
 SPEED, FIRST_COURSE, DESTINATION, SPREAD_RATE, ARRIVAL = range(5)  # numbers in a row of `wanted`
 WANTED = 5
@@ -27,8 +28,9 @@ Settled = ti.types.argpack(
 def own_arrival(plan: ti.template(), key: Chance, phase: ti.i32, departure: ti.i32) -> ti.i32:
     """Return when [s] a target reaches the last way point of a phase whose way points have no times of their own."""
     speed, time = itinerary.own_speed(plan, key, phase), departure
-    for k in range(1, plan.phases[phase * PHASE + 2]):
-        length = plan.point_laws[(plan.phases[phase * PHASE + 1] + k) * POINT_LAW + 3]
+    row = plan.phases_at + phase * PHASE
+    for k in range(1, plan.numbers[row + 2]):
+        length = plan.laws[plan.point_laws_at + (plan.numbers[row + 1] + k) * POINT_LAW + 3]
         time += ti.max(ti.cast(ti.round(length / speed), ti.i32), 1)
     return time
 
@@ -40,8 +42,7 @@ def _settle(
     last: ti.i32,
     slots: Ints,
     scenario: Ints,
-    birth: Ints,
-    departure: Ints,
+    steer_whole: Ints,
     wanted: Ints,
     plan: Plan,
     out: Settled,
@@ -50,7 +51,9 @@ def _settle(
 ):
     for j in range(first, last):
         i = batch.slot(listed, slots, j)
-        key = Chance(seed0, seed1, birth[i], birth[i], 0, 0)
+        n = scenario.shape[0]  # a row's length
+        birth = steer_whole[Own.BIRTH * n + i]
+        key = Chance(seed0, seed1, birth, birth, 0, 0)
         row = scenario[i] * WANTED
         phase = wanted[row + SPEED]
         if phase >= 0:
@@ -70,18 +73,18 @@ def _settle(
             out.k[i] = itinerary.own_k(plan, key, phase)
         phase = wanted[row + ARRIVAL]
         if phase >= 0:
-            out.arrival[i] = own_arrival(plan, key, phase, departure[i])
+            out.arrival[i] = own_arrival(plan, key, phase, steer_whole[Own.DEPARTURE * n + i])
 
 
 def settle(columns, own: Batch, plan, seed: int, wanted, out) -> None:
     """Write what is settled of targets that steer.
 
-    columns: by name, `scenario`, `birth` and `departure`, int32 (n,). own: the slots that steer. wanted: int32
+    columns: by name, `scenario` and those of kernels.steer.WHOLE, int32 (n,). own: the slots that steer. wanted: int32
     (scenarios * WANTED,), of which phase each is asked for, a number in the `Plan`, -1: of none, and nothing is
     written. The phase of an arrival is the only one of its itinerary, and leads along way points without times. out: by
     name, the columns (n,) of `Settled`.
     """
     _settle(
-        own.listed, own.first, own.last, own.slots, columns["scenario"], columns["birth"], columns["departure"],
-        wanted, plan, launch.pack(Settled, *(out[name] for name in FIELDS)), *noise.key(seed),
+        own.listed, own.first, own.last, own.slots, columns["scenario"], rows.whole(columns, steer.WHOLE), wanted,
+        plan, launch.pack(Settled, *(out[name] for name in FIELDS)), *noise.key(seed),
     )  # fmt: skip

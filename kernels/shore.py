@@ -7,7 +7,7 @@ tangent at the particle, with the shore near it taken as a straight line.
 import taichi as ti
 
 from kernels import curve, noise, sphere
-from kernels.coast import first_crossing, is_clear
+from kernels.coast import EDGES_AT, LINES_AT, first_crossing, is_clear
 
 METRES = sphere.RADIUS * sphere.UNIT  # [m] of a binary angle unit along a meridian
 OFF = 0.5  # [m] that a sliding particle keeps off the shore, so that rounding does not put it ashore
@@ -26,7 +26,7 @@ def nearest(lon, lat, reach, c, coast: ti.template()) -> f32x3:
 
     c: cosine of the latitude. A distance above reach says that there is none.
     """
-    start, edge = ti.static(coast.start, coast.edges)
+    line = ti.static(coast.shoreline)
     frame = coast.frame
     shift = frame[2]
     around = (1 << (32 - shift)) - 1
@@ -42,11 +42,12 @@ def nearest(lon, lat, reach, c, coast: ti.template()) -> f32x3:
                 column = k & around
                 if column < frame[3]:
                     i = row * frame[3] + column
-                    for e in range(start[i], start[i + 1]):
-                        ax = ti.cast(edge[4 * e] - lon, ti.f32) * (c * ti.f32(METRES))
-                        ay = ti.cast(edge[4 * e + 1] - lat, ti.f32) * ti.f32(METRES)
-                        dx = ti.cast(edge[4 * e + 2] - edge[4 * e], ti.f32) * (c * ti.f32(METRES))
-                        dy = ti.cast(edge[4 * e + 3] - edge[4 * e + 1], ti.f32) * ti.f32(METRES)
+                    for e in range(line[i], line[i + 1]):
+                        first = frame[EDGES_AT] + 4 * e
+                        ax = ti.cast(line[first] - lon, ti.f32) * (c * ti.f32(METRES))
+                        ay = ti.cast(line[first + 1] - lat, ti.f32) * ti.f32(METRES)
+                        dx = ti.cast(line[first + 2] - line[first], ti.f32) * (c * ti.f32(METRES))
+                        dy = ti.cast(line[first + 3] - line[first + 1], ti.f32) * ti.f32(METRES)
                         t = ti.min(ti.max(-(ax * dx + ay * dy) / (dx * dx + dy * dy), 0.0), 1.0)
                         px, py = ax + t * dx, ay + t * dy
                         square = px * px + py * py
@@ -64,11 +65,12 @@ def facing(lon, lat, c, number, coast: ti.template()) -> f32x3:
 
     The unit normal (east, north) points to the side of the point.
     """
-    line = ti.static(coast.line)
-    ax = ti.cast(line[4 * number] - lon, ti.i64)
-    ay = ti.cast(line[4 * number + 1] - lat, ti.i64)
-    ex = ti.cast(line[4 * number + 2] - line[4 * number], ti.i64)
-    ey = ti.cast(line[4 * number + 3] - line[4 * number + 1], ti.i64)
+    line = ti.static(coast.shoreline)
+    first = coast.frame[LINES_AT] + 4 * number
+    ax = ti.cast(line[first] - lon, ti.i64)
+    ay = ti.cast(line[first + 1] - lat, ti.i64)
+    ex = ti.cast(line[first + 2] - line[first], ti.i64)
+    ey = ti.cast(line[first + 3] - line[first + 1], ti.i64)
     turn = ey * ax - ex * ay  # exact: its sign is the side on which the point lies
     dx, dy = ti.cast(ex, ti.f32) * c, ti.cast(ey, ti.f32)
     length = ti.sqrt(dx * dx + dy * dy)

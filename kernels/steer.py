@@ -13,7 +13,7 @@ from typing import Any
 
 import taichi as ti
 
-from kernels import angles, batch, itinerary, launch, life, noise, runtime, sphere, spreads, ways
+from kernels import angles, batch, itinerary, launch, life, noise, rows, runtime, sphere, spreads, ways
 from kernels.batch import Batch
 from kernels.coast import Coast, DeviceCoast, Ints, Reals, first_crossing, is_wet, open_sea
 from kernels.itinerary import (
@@ -47,16 +47,22 @@ Longs = ti.types.ndarray(dtype=ti.i64, ndim=1)
 
 f32x2 = ti.types.vector(2, ti.f32)
 
-# The columns of an ensemble that the itinerary of a target needs, of shape (n,) each.
+# The columns of an ensemble that the itinerary of a target needs, of shape (n,) each: those of the core, and those in
+# the rows of one array of whole numbers and of one of others (kernels.rows).
 CORE = ("lon", "lat", "status", "release", "status_since", "edge", "scenario")
-OWN = {
-    **dict.fromkeys(("birth", "departure", "phase", "leg", "to_lon", "to_lat", "to_time", "phase_end"), Ints),
-    **dict.fromkeys(("course", "speed"), Reals),
-    **dict.fromkeys(("set_lon", "set_lat"), Ints),
-    **dict.fromkeys(("set_rate_lon", "set_rate_lat"), Reals),
-}
-COLUMNS = {**dict.fromkeys(CORE, Ints), **OWN}
-Columns = ti.types.argpack(**COLUMNS)
+WHOLE = ("birth", "departure", "phase", "leg", "to_lon", "to_lat", "to_time", "phase_end", "set_lon", "set_lat")
+REAL = ("course", "speed", "set_rate_lon", "set_rate_lat")
+COLUMNS = {**dict.fromkeys((*CORE, *WHOLE), Ints), **dict.fromkeys(REAL, Reals)}
+Columns = ti.types.argpack(**dict.fromkeys(CORE, Ints), steer_whole=Ints, steer_real=Reals)
+
+
+class Own:
+    """In which rows of their arrays the columns of WHOLE and REAL stand."""
+
+    BIRTH, DEPARTURE, PHASE, LEG, TO_LON, TO_LAT, TO_TIME, PHASE_END, SET_LON, SET_LAT = range(10)
+    COURSE, SPEED, SET_RATE_LON, SET_RATE_LAT = range(4)
+
+
 Terms = ti.types.struct(
     seed0=ti.u32,
     seed1=ti.u32,
@@ -70,29 +76,44 @@ Terms = ti.types.struct(
 @ti.func
 def loaded(columns: ti.template(), i: ti.i32, elapsed: ti.i32) -> Target:
     """Return target i as its columns have it at the begin of a step [s], or at its departure in the step."""
-    begin = ti.max(elapsed, columns.departure[i])
+    own, real = ti.static(columns.steer_whole, columns.steer_real)
+    n = columns.lon.shape[0]  # a row's length
+    begin = ti.max(elapsed, departure(columns, i))
+    set_lon, set_lat = own[Own.SET_LON * n + i], own[Own.SET_LAT * n + i]
     return Target(
-        lon=columns.lon[i] - columns.set_lon[i], lat=columns.lat[i] - columns.set_lat[i], time=begin,
-        phase=columns.phase[i], leg=columns.leg[i],
-        to_lon=columns.to_lon[i], to_lat=columns.to_lat[i], to_time=columns.to_time[i],
-        phase_end=columns.phase_end[i], course=columns.course[i], speed=columns.speed[i], over=0,
-        set_lon=columns.set_lon[i], set_lat=columns.set_lat[i],
-        rate_lon=columns.set_rate_lon[i], rate_lat=columns.set_rate_lat[i], set_since=begin,
+        lon=columns.lon[i] - set_lon, lat=columns.lat[i] - set_lat, time=begin,
+        phase=own[Own.PHASE * n + i], leg=own[Own.LEG * n + i],
+        to_lon=own[Own.TO_LON * n + i], to_lat=own[Own.TO_LAT * n + i], to_time=own[Own.TO_TIME * n + i],
+        phase_end=own[Own.PHASE_END * n + i], course=real[Own.COURSE * n + i], speed=real[Own.SPEED * n + i], over=0,
+        set_lon=set_lon, set_lat=set_lat,
+        rate_lon=real[Own.SET_RATE_LON * n + i], rate_lat=real[Own.SET_RATE_LAT * n + i], set_since=begin,
     )  # fmt: skip
+
+
+@ti.func
+def departure(columns: ti.template(), i: ti.i32) -> ti.i32:
+    """Return when [s] target i gets under way."""
+    return columns.steer_whole[Own.DEPARTURE * columns.lon.shape[0] + i]
+
+
+@ti.func
+def birth(columns: ti.template(), i: ti.i32) -> ti.i32:
+    """Return the slot in which target i was born."""
+    return columns.steer_whole[Own.BIRTH * columns.lon.shape[0] + i]
 
 
 @ti.func
 def under_way(columns: ti.template(), i: ti.i32, end: ti.i32):
     """Return whether target i is under way before the end [s] of a step that has not been made."""
     state = columns.status[i]
-    return state == life.UNDER_WAY or (state == life.PENDING and columns.departure[i] < end)
+    return state == life.UNDER_WAY or (state == life.PENDING and departure(columns, i) < end)
 
 
 @ti.func
 def wanders(plan: ti.template(), key: Chance, target: Target) -> ti.f32:
     """Return K [m/sqrt(s)] of the way on which a target is; 0: it keeps to its line."""
     k = 0.0
-    if plan.phases[target.phase * PHASE] == itinerary.WAY:
+    if plan.numbers[plan.phases_at + target.phase * PHASE] == itinerary.WAY:
         k = own_k(plan, key, target.phase)
     return k
 
@@ -149,7 +170,7 @@ def stretch(
     x, y, time = piece(plan, key, target, k, until)
     state, edge = life.UNDER_WAY, -1
     if coastal == 1:
-        if plan.stories[scenario * STORY + 2] & STOPPED:
+        if plan.numbers[plan.stories_at + scenario * STORY + 2] & STOPPED:
             ax, ay = set_at(target, target.time)
             bx, by = set_at(target, time)
             ax, ay, bx, by = target.lon + ax, target.lat + ay, x + bx, y + by
@@ -209,7 +230,7 @@ def _steer(
         if under_way(columns, i, end) or (noted != MOVED and resting):
             t = loaded(columns, i, elapsed)
             which = columns.scenario[i]
-            key = Chance(terms.seed0, terms.seed1, columns.birth[i], i + shift[which], step, 0)
+            key = Chance(terms.seed0, terms.seed1, birth(columns, i), i + shift[which], step, 0)
             state, until = life.UNDER_WAY, ti.min(end, columns.release[i])
             if resting:
                 state, t.time, until = columns.status[i], elapsed, end
@@ -265,17 +286,22 @@ def _placed(columns: ti.template(), i: ti.i32, t: Target):
     x, y = t.lon + dlon, t.lat + dlat
     columns.lon[i], columns.lat[i] = x, y
     if t.rate_lon != 0.0 or t.rate_lat != 0.0:
-        columns.set_lon[i], columns.set_lat[i] = dlon, dlat
-        columns.set_rate_lon[i], columns.set_rate_lat[i] = 0.0, 0.0  # until the current is asked again
+        own, real = ti.static(columns.steer_whole, columns.steer_real)
+        n = columns.lon.shape[0]  # a row's length
+        own[Own.SET_LON * n + i], own[Own.SET_LAT * n + i] = dlon, dlat
+        # Until the current is asked again.
+        real[Own.SET_RATE_LON * n + i], real[Own.SET_RATE_LAT * n + i] = 0.0, 0.0
     return x, y
 
 
 @ti.func
 def _aimed(columns: ti.template(), i: ti.i32, t: Target):
     """Write where target i goes next."""
-    columns.phase[i], columns.leg[i], columns.phase_end[i] = t.phase, t.leg, t.phase_end
-    columns.to_lon[i], columns.to_lat[i], columns.to_time[i] = t.to_lon, t.to_lat, t.to_time
-    columns.course[i], columns.speed[i] = t.course, t.speed
+    own, real = ti.static(columns.steer_whole, columns.steer_real)
+    n = columns.lon.shape[0]  # a row's length
+    own[Own.PHASE * n + i], own[Own.LEG * n + i], own[Own.PHASE_END * n + i] = t.phase, t.leg, t.phase_end
+    own[Own.TO_LON * n + i], own[Own.TO_LAT * n + i], own[Own.TO_TIME * n + i] = t.to_lon, t.to_lat, t.to_time
+    real[Own.COURSE * n + i], real[Own.SPEED * n + i] = t.course, t.speed
 
 
 @ti.kernel
@@ -305,14 +331,14 @@ def _inside(
     for j in range(first, last):
         i = batch.listed_slot(listed, slots, j)
         end = elapsed + duration
-        begin, until = ti.max(elapsed, before.departure[i]), ti.min(end, before.release[i])
+        begin, until = ti.max(elapsed, departure(before, i)), ti.min(end, before.release[i])
         when = then
         if half >= 0:
             when = begin + half * (until - begin) // 2
-        if under_way(before, i, end) and when <= until and before.departure[i] <= when:
+        if under_way(before, i, end) and when <= until and departure(before, i) <= when:
             t = loaded(before, i, elapsed)
             which = before.scenario[i]
-            key = Chance(terms.seed0, terms.seed1, before.birth[i], i + shift[which], step, 0)
+            key = Chance(terms.seed0, terms.seed1, birth(before, i), i + shift[which], step, 0)
             state = life.UNDER_WAY
             while t.time < when and state == life.UNDER_WAY:
                 key.count += 1
@@ -373,13 +399,14 @@ def _born(
         i = batch.listed_slot(listed, slots, j)
         which = columns.scenario[i]
         slot = i + shift[which]
-        columns.birth[i] = slot
+        n = columns.lon.shape[0]  # a row's length
+        columns.steer_whole[Own.BIRTH * n + i] = slot
         key = Chance(terms.seed0, terms.seed1, slot, slot, BIRTH, 0)
-        story = which * STORY
-        first_phase = plan.stories[story]
+        story = plan.stories_at + which * STORY
+        first_phase = plan.numbers[story]
         t = Target(lon=columns.lon[i], lat=columns.lat[i], time=columns.release[i], phase=first_phase, leg=0)
-        if plan.phases[first_phase * PHASE] == itinerary.WAY:
-            point = plan.phases[first_phase * PHASE + 1]
+        if plan.numbers[plan.phases_at + first_phase * PHASE] == itinerary.WAY:
+            point = plan.numbers[plan.phases_at + first_phase * PHASE + 1]
             found, tried = 0, 0
             while found == 0 and tried < MOST_TRIES:
                 w = noise.words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, tried)
@@ -387,15 +414,15 @@ def _born(
                 if found == 1:
                     tries[2 * which] += 1
                 if coastal == 1:
-                    if found == 1 and plan.stories[story + 2] & itinerary.WET:
+                    if found == 1 and plan.numbers[story + 2] & itinerary.WET:
                         found = is_wet(t.lon, t.lat, coast)
                 tried += 1
             tries[2 * which + 1] += 1 - found
             t.time, t.leg = own_start(plan, key, first_phase), 1
-            if plan.points[point * POINT + 9] != itinerary.BY_SPEED:
+            if plan.numbers[plan.points_at + point * POINT + 9] != itinerary.BY_SPEED:
                 w = noise.words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, -1)
                 t.time = itinerary.when(plan, point, t.time, w[0], w[1])
-        columns.departure[i] = t.time
+        columns.steer_whole[Own.DEPARTURE * n + i] = t.time
         columns.release[i] = _distress(plan, key, which, t.time)
         t = aim(coastal, plan, key, which, t, coast)
         _placed(columns, i, t)
@@ -405,30 +432,31 @@ def _born(
 @ti.func
 def _distress(plan: ti.template(), key: Chance, scenario: ti.i32, departure: ti.i32) -> ti.i32:
     """Return when [s] a target that departs at a time goes adrift; `NEVER`: it does not."""
-    story, law = scenario * STORY, scenario * STORY_LAW
-    phase = plan.stories[story]
-    kind = plan.stories[story + 3]
+    story, law = plan.stories_at + scenario * STORY, plan.story_laws_at + scenario * STORY_LAW
+    phase = plan.numbers[story]
+    kind = plan.numbers[story + 3]
     time = NEVER
     if kind == BETWEEN:
         tries = 0
         time = departure - 1
         while time < departure and tries < TRIES:
             w = noise.further(key.seed0, key.seed1, noise.STREAM_BIRTH, key.birth, 8 * phase + 4, tries + 1)
-            after = spreads.triangle(itinerary.law(plan.story_laws, law), noise.uniform(w[0]), noise.uniform(w[1]))
-            time = plan.stories[story + 4] + ti.cast(ti.round(after), ti.i32)
+            after = spreads.triangle(itinerary.law(plan.laws, law), noise.uniform(w[0]), noise.uniform(w[1]))
+            time = plan.numbers[story + 4] + ti.cast(ti.round(after), ti.i32)
             tries += 1
         time = ti.max(time, departure)
     elif kind == RATE:
         w = itinerary.settled(key, phase, 4)
-        wait = spreads.waiting(1.0 / plan.story_laws[law + 4], noise.uniform(w[0]))
+        wait = spreads.waiting(1.0 / plan.laws[law + 4], noise.uniform(w[0]))
         if wait < ti.cast(NEVER - departure, ti.f32) * 0.99:
             time = departure + ti.cast(ti.round(wait), ti.i32)
     elif kind == SHARE:
         w = itinerary.settled(key, phase, 4)
-        share = spreads.triangle(itinerary.law(plan.story_laws, law), noise.uniform(w[0]), noise.uniform(w[1]))
+        share = spreads.triangle(itinerary.law(plan.laws, law), noise.uniform(w[0]), noise.uniform(w[1]))
         length = 0.0
-        for k in range(1, plan.phases[phase * PHASE + 2]):
-            length += plan.point_laws[(plan.phases[phase * PHASE + 1] + k) * POINT_LAW + 3]
+        row = plan.phases_at + phase * PHASE
+        for k in range(1, plan.numbers[row + 2]):
+            length += plan.laws[plan.point_laws_at + (plan.numbers[row + 1] + k) * POINT_LAW + 3]
         time = departure + ti.cast(ti.round(share * length / own_speed(plan, key, phase)), ti.i32)
     return time
 
@@ -442,7 +470,8 @@ def terms(seed: int, domain: Any = None) -> dict[str, int]:
 
 def packed(columns: Any) -> Any:
     """Return the columns of targets, by name, in a pack."""
-    return launch.pack(Columns, *(columns[name] for name in COLUMNS))
+    together = rows.whole(columns, WHOLE), rows.whole(columns, REAL)
+    return launch.pack(Columns, *(columns[name] for name in CORE), *together)
 
 
 def born(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, tries) -> None:

@@ -174,6 +174,11 @@ def copy_into(values: Column, fresh: Column) -> None:
         fresh.copy_from(values)
 
 
+def lying(held: Column) -> np.ndarray | None:
+    """Return a column where it lies in a CPU's memory; None on a card. It must not be used after the column is gone."""
+    return held._memory() if _backend == "cpu" else None
+
+
 def nodes(n: int) -> ti.Ndarray:
     """Return a zeroed device array of n vectors of four float32.
 

@@ -17,30 +17,34 @@ from drift.motion.scenario import Scenario
 from drift.particles.ensemble import Column, Ensemble, Slots
 from kernels import advance as kernel
 from kernels import bridge
+from kernels import errors as errors_of
 from kernels import prior as draws
 from kernels.advance import Physics
 from kernels.bridge import Inside
 
-LEEWAY = ("down_slope", "down_offset", "right_slope", "right_offset", "left_slope", "left_offset")
-ERRORS = (  # columns of errors of the forcing
-    *("current_error_east", "current_error_north", "wind_error_east", "wind_error_north"),
-    *("current_bias_east", "current_bias_north"),
-)
+LEEWAY = kernel.LEEWAY
+ERRORS = errors_of.ROWS  # columns of errors of the forcing
+_MEANING = {
+    "current_error": "Ornstein-Uhlenbeck error of the current as it stands",
+    "wind_error": "Ornstein-Uhlenbeck error of the wind as it stands",
+    "current_bias": "error of the current that lasts: its own, or in a spill its world's",
+}
 COLUMNS = (
     Column("side", np.int32, 1, "", "+1 drifts to the right of the wind, -1 to the left"),
     *(
-        Column(name, np.float32, 0, "" if "slope" in name else "m/s", "leeway line: speed per wind speed, or offset")
+        Column(
+            name, np.float32, 0, "" if "slope" in name else "m/s", "leeway line: speed per wind speed, or offset",
+            "leeway",
+        )
         for name in LEEWAY
     ),
-    Column("current_error_east", np.float32, 0, "m/s", "Ornstein-Uhlenbeck error of the current as it stands"),
-    Column("current_error_north", np.float32, 0, "m/s", "the same, north"),
-    Column("wind_error_east", np.float32, 0, "m/s", "Ornstein-Uhlenbeck error of the wind as it stands"),
-    Column("wind_error_north", np.float32, 0, "m/s", "the same, north"),
-    Column(
-        "current_bias_east", np.float32, 0, "m/s", "error of the current that lasts: its own, or in a spill its world's"
+    *(
+        Column(
+            name, np.float32, 0, "m/s", "the same, north" if name.endswith("north") else _MEANING[name[:-5]], "errors"
+        )
+        for name in ERRORS
     ),
-    Column("current_bias_north", np.float32, 0, "m/s", "the same, north"),
-)
+)  # fmt: skip
 
 
 def physics(errors: Errors, scenario: Scenario) -> Physics:

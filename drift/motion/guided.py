@@ -13,6 +13,7 @@ import numpy as np
 from drift.particles.ensemble import Column, Device, Ensemble
 from geo.array import Array
 from kernels import guide as kernel
+from kernels import rows
 from kernels.advance import Step
 
 
@@ -27,7 +28,7 @@ def columns(finds: int) -> tuple[Column, ...]:
         return ()
     pulls = [name for pair in pull_names(finds) for name in pair]
     return (
-        *(Column(name, np.float32, 0, "", "added to this step's normal") for name in kernel.NUDGES),
+        *(Column(name, np.float32, 0, "", "added to this step's normal", "nudges") for name in kernel.NUDGES),
         *(Column(name, np.float32, 0, "1/m", "how far a find guides it") for name in pulls),
     )
 
@@ -58,11 +59,11 @@ class Guided:
             step: the step that is about to be made.
         """
         row = self.rows.get(step.number, len(self.numbers))
-        written = [own[name] for name in kernel.NUDGES]
+        nudges = rows.whole(own, kernel.NUDGES)
         for number, (east, north) in enumerate(pull_names(self.finds)):
             current, wind = self.responses[number, row]
             pulls = own[east], own[north]
-            kernel.nudge(float(current), float(wind), int(number == 0), *pulls, *written)
+            kernel.nudge(float(current), float(wind), int(number == 0), *pulls, nudges)
 
 
 def set_nudges(how: Guided | None, ensemble: Ensemble, step: Step) -> None:

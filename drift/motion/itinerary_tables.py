@@ -28,11 +28,10 @@ from drift.motion.period import Period
 from geo import sphere
 from geo.array import Array
 from kernels import itinerary as kernel
-from kernels import launch, runtime
 
 
 class Tables(NamedTuple):
-    """Numbers of a run's itineraries, as kernels.itinerary.Plan takes them."""
+    """Numbers of a run's itineraries, flat, as kernels.itinerary.packed takes them."""
 
     stories: Array
     story_laws: Array
@@ -58,7 +57,7 @@ def tables(itineraries: Sequence[Itinerary | None], period: Period) -> Tables:
 
 def plan(itineraries: Sequence[Itinerary | None], period: Period) -> Any:
     """Return a kernels.itinerary.Plan of the itineraries of a run's scenarios, on the device."""
-    return launch.pack(kernel.Plan, *(runtime.upload(table) for table in tables(itineraries, period)))
+    return kernel.packed(tables(itineraries, period)._asdict())
 
 
 class _Tables:

@@ -5,6 +5,7 @@ docs/targets.md; the kernel is kernels.steer.
 
 import weakref
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -20,12 +21,13 @@ from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
 from kernels import advance as kernel
-from kernels import batch, felt, itinerary, pieces, runtime, steer
+from kernels import batch, felt, itinerary, pieces, rows, runtime, steer
 from kernels.batch import Batch
 from kernels.coast import DeviceCoast
 from kernels.pieces import Paths, Room
 
-COLUMNS = (
+_ARRAYS = dict.fromkeys(steer.WHOLE, "steer_whole") | dict.fromkeys(steer.REAL, "steer_real")
+_COLUMNS = (
     Column("birth", np.int32, 0, "", "slot in which it was born: the key of what is settled at birth"),
     Column("departure", np.int32, NEVER, "s", "when it gets under way"),
     Column("phase", np.int32, 0, "", "number of its phase among those of all itineraries"),
@@ -41,6 +43,7 @@ COLUMNS = (
     Column("set_rate_lon", np.float32, 0, "binary angle/s", "how fast it sets it east"),
     Column("set_rate_lat", np.float32, 0, "binary angle/s", "the same, north"),
 )
+COLUMNS = tuple(replace(column, array=_ARRAYS[column.name]) for column in _COLUMNS)
 
 
 EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
@@ -174,7 +177,8 @@ class Helm:
         """
         self._noted = False
         own = columns(self._ensemble)
-        self._kept = {name: runtime.copy(column, self._kept.get(name)) for name, column in own.items()}
+        before = {name: rows.located(column)[0] for name, column in self._kept.items()}
+        self._kept = rows.rebuilt(own, lambda name, array: runtime.copy(array, before.get(name)))
         return self._kept
 
     @cached_property

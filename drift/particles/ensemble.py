@@ -1,7 +1,8 @@
 """The record of a run: one slot a particle, one column a property.
 
 Columns lie on the device (opaque here: only `kernels` touches them) and keep their order: the slots of a scenario are
-contiguous, so that a scenario is a range of slots.
+contiguous, so that a scenario is a range of slots. Columns that kernels take together stand in the rows of one device
+array (kernels.rows); under its own name each is read and written as if it had an array of its own.
 """
 
 import itertools
@@ -17,10 +18,10 @@ from drift.particles.partials import Blocks
 from drift.particles.status import Status
 from drift.particles.weights import Weighed
 from geo.array import Array
-from kernels import batch, runtime
+from kernels import batch, rows, runtime
 from kernels.batch import Batch
 
-Device = Any  # a one-dimensional array on the device
+Device = Any  # a one-dimensional array on the device, or a row of one: kernels.rows.Row
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class Column:
     first: float  # value before anything is drawn
     unit: str
     meaning: str
+    array: str = ""  # columns that name the same one stand in its rows, in their order; "": it has one of its own
 
 
 NEVER = 2**31 - 1  # [s] a time that does not come
@@ -174,14 +176,24 @@ def empty(seed: int, of: Layout | tuple[int, ...], own: Sequence[Column] = ()) -
     columns besides CORE.
     """
     layout = of if isinstance(of, Layout) else Layout(of, of[:-1], (partials.BLOCK,) * (len(of) - 1))
+    scenario, n = runtime.upload(owners(layout.bounds)), layout.bounds[-1]
+    return Ensemble(seed, layout, own=filled(own, n), **filled(CORE, n) | {"scenario": scenario})
 
-    def filled(columns: Sequence[Column]) -> dict[str, Device]:
-        return {
-            column.name: runtime.upload(np.full(layout.bounds[-1], column.first, column.dtype)) for column in columns
-        }
 
-    scenario = runtime.upload(owners(layout.bounds))
-    return Ensemble(seed, layout, own=filled(own), **filled(CORE) | {"scenario": scenario})
+def filled(columns: Sequence[Column], n: int) -> dict[str, Device]:
+    """Return new columns of n slots by name, in the order given, with what they hold before anything is drawn."""
+    together: dict[str, list[Column]] = {}
+    for column in columns:
+        together.setdefault(column.array or f"{column.name} alone", []).append(column)
+    found: dict[str, Device] = {}
+    for each in together.values():
+        first = np.array([column.first for column in each], each[0].dtype)
+        values = np.repeat(first[:, None], max(n, 1), axis=1)
+        if each[0].array:
+            found |= rows.stack([column.name for column in each], values)
+        else:
+            found[each[0].name] = runtime.upload(values)
+    return {column.name: found[column.name] for column in columns}
 
 
 def owners(bounds: tuple[int, ...]) -> Array:
@@ -192,11 +204,14 @@ def owners(bounds: tuple[int, ...]) -> Array:
 def inherit(columns: Iterable[Device], ancestors: Array) -> None:
     """Give every slot what its ancestor has, in place; ancestors: slots, (n,).
 
-    columns: of (n,) values, or of several of each particle, one after another.
+    columns: of (n,) values, or of several of each particle, one after another. Arrays in whose rows they stand are taken
+    whole: no other column may stand there.
     """
-    for column in columns:
-        values = column.to_numpy().reshape(-1, len(ancestors))
-        column.from_numpy(np.ascontiguousarray(values[:, ancestors]).reshape(-1))
+    for array in rows.arrays(columns):
+        values = array.to_numpy()
+        for row in values.reshape(-1, len(ancestors)):
+            row[:] = row[ancestors]
+        array.from_numpy(values)
 
 
 def weighed(ensemble: Ensemble) -> Weighed:
@@ -211,21 +226,32 @@ def probability(ensemble: Ensemble) -> Array:
 
 def sample(ensemble: Ensemble, slots: Array) -> Ensemble:
     """Return a copy of chosen slots (sorted), for trials that must not touch the run."""
-    copied = {name: runtime.upload(column.to_numpy()[slots]) for name, column in ensemble.columns.items()}
-    core = {column.name: copied.pop(column.name) for column in CORE}
+
+    def chosen(_: str, array: Device) -> Device:
+        values = array.to_numpy().reshape(-1, max(ensemble.n, 1))
+        return runtime.upload(np.stack([row[slots] for row in values]))
+
     bounds = tuple(int(x) for x in np.searchsorted(slots, ensemble.bounds))
     layout = Layout(bounds, bounds[:-1], ensemble.layout.block)
-    return replace(ensemble, layout=layout, own=copied, **core)
+    return _with(ensemble, layout, rows.rebuilt(ensemble.columns, chosen))
 
 
 def joined(parts: Sequence[Ensemble]) -> Ensemble:
     """Return the particles of some ensembles of one run as one, part after part; scenarios are in their order."""
-    columns = {
-        name: runtime.upload(np.concatenate([part.columns[name].to_numpy() for part in parts]))
-        for name in parts[0].columns
-    }
-    core = {column.name: columns.pop(column.name) for column in CORE}
+    columns = [part.columns for part in parts]
+
+    def one(name: str, _: Device) -> Device:
+        arrays = [rows.located(own[name])[0].to_numpy() for own in columns]
+        values = [array.reshape(-1, max(part.n, 1))[:, : part.n] for array, part in zip(arrays, parts, strict=True)]
+        return runtime.upload(np.concatenate(values, axis=1))
+
     counts = np.sum([np.diff(part.bounds) for part in parts], axis=0)
     bounds = (0, *np.cumsum(counts).tolist())
     layout = Layout(bounds, bounds[:-1], parts[0].layout.block)
-    return replace(parts[0], layout=layout, own=columns, **core)
+    return _with(parts[0], layout, rows.rebuilt(columns[0], one))
+
+
+def _with(ensemble: Ensemble, layout: Layout, columns: dict[str, Device]) -> Ensemble:
+    """Return an ensemble with other slots; columns: all, by name."""
+    core = {column.name: columns.pop(column.name) for column in CORE}
+    return replace(ensemble, layout=layout, own=columns, **core)

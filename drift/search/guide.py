@@ -33,6 +33,7 @@ from drift.motion.ensemble_spec import EnsembleSpec
 from drift.motion.forcing import Forcing
 from drift.motion.scenario import PositionPrior, Scenario
 from drift.motion.scene import Scene
+from drift.particles import ensemble as record
 from drift.particles import life
 from drift.particles.ensemble import Ensemble
 from drift.particles.status import Status
@@ -205,8 +206,7 @@ def guide_particles(guide: Guide, trial: Trial, ensemble: Ensemble) -> Ensemble:
 def with_columns(guide: Guide, ensemble: Ensemble) -> Ensemble:
     """Return an ensemble with the columns that guide it, in which nothing guides it yet."""
     columns = guided.columns(len(guide.finds))
-    own = {c.name: runtime.upload(np.full(ensemble.n, c.first, c.dtype)) for c in columns}
-    return replace(ensemble, own={**ensemble.own, **own})
+    return replace(ensemble, own={**ensemble.own, **record.filled(columns, ensemble.n)})
 
 
 def _free_places(guide: Guide, trial: Trial, ensemble: Ensemble) -> None:

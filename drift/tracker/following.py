@@ -1,7 +1,7 @@
 """Clouds of many runs and ways of following, side by side, taken through their sweeps."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,11 +14,11 @@ from drift.tracker.records import METHODS, Behaviour, Filling, Tracker
 from drift.tracker.sweeps import Sweeps, joined
 from geo import sphere
 from geo.array import Array
-from kernels import clouds, follower, noise, runtime
+from kernels import clouds, follower, noise, runtime, tables
 from kernels.coast import DeviceCoast
+from kernels.follower import Own
 
 TOGETHER = 2**21  # particles that are held at once: 290 MB
-VECTORS = ("own_place", "own_way", "own_scratch")  # columns of three numbers a particle
 
 
 @dataclass(frozen=True)
@@ -108,30 +108,46 @@ class Clouds:
         self.rows = max((int(world.sweeps.row.max(initial=-1)) + 1 for world in worlds), default=0)
         self._sweeps = joined([world.sweeps for world in distinct.values()])
         self._begin, self._end = np.tile(ends[which], len(trackers)), np.tile(ends[which + 1], len(trackers))
-        self._tracks = _columns(clouds.Tracks, "track", {
+        whole = {
             "run": np.tile(run + np.arange(n), len(trackers)), "rules": np.repeat(np.arange(len(trackers)), n),
             "first": self._begin, "last": self._begin,
             "first_leg": np.tile(leg_ends[which], len(trackers)), "last_leg": np.tile(leg_ends[which + 1], len(trackers)),
             "first_row": np.arange(many) * self.rows, "count": np.zeros(many), "drawn": np.zeros(many),
-            "estimate": np.full(5 * many, -1.0), "lost": np.full(many, np.nan), "left": np.tile([-1.0, 0.0, -follower.NEVER], many),
-        })  # fmt: skip
-        self._cloud = {
-            name: runtime.empty(many * size * (3 if name in VECTORS else 1), law.dtype)
-            for name, law in follower.Cloud.members.items()
+        }  # fmt: skip
+        real = {
+            "estimate": np.full((many, 5), -1.0),
+            "lost": np.full(many, np.nan),
+            "left": np.tile([-1.0, 0.0, -follower.NEVER], (many, 1)),
         }
+        self._tracks = {
+            "track_real": tables.upload(_table(clouds.Track, clouds.Track.REAL, real, np.float64)),
+            "track_whole": tables.upload(_table(clouds.Track, clouds.Track.WHOLE, whole, np.int32)),
+        }
+        self._cloud = {
+            "own_real": tables.empty(many * size, Own.REAL, np.float64),
+            "own_whole": tables.empty(many * size, Own.WHOLE, np.int32),
+        }
+        swept = vars(self._sweeps)
+        told = {name: swept[name] for name in ("outcome", "row")}
+        seen = {name: column for name, column in swept.items() if name not in told}
         self._fixed = (
-            rules(trackers), _columns(clouds.Sweeps, "sweep", vars(self._sweeps)),
-            legs([world.tracker for world in distinct.values()]),
-        )  # fmt: skip
+            {"rule_real": tables.upload(rules(trackers))},
+            {
+                "sweep_real": tables.upload(_table(clouds.Sweep, clouds.Sweep.REAL, seen, np.float64)),
+                "sweep_whole": tables.upload(_table(clouds.Sweep, clouds.Sweep.WHOLE, told, np.int32)),
+            },
+            {"leg_real": tables.upload(legs([world.tracker for world in distinct.values()]))},
+        )
         self._found = runtime.upload(np.full(max(many * self.rows, 1) * len(clouds.FIELDS), np.nan))
 
     def go(self, until: float = math.inf) -> "Clouds":
         """Take all through their sweeps until a time [s], those at it too."""
-        first = self._tracks["track_last"].to_numpy()
+        tracks = self._tracks["track_whole"].to_numpy()
+        first = tracks[:, clouds.Track.LAST].copy()
         time = self._sweeps.time
         last = [b + np.searchsorted(time[b:e], until, side="right") for b, e in zip(first, self._end, strict=True)]
-        self._tracks["track_first"].from_numpy(first)
-        self._tracks["track_last"].from_numpy(np.array(last, np.int32))
+        tracks[:, clouds.Track.FIRST], tracks[:, clouds.Track.LAST] = first, last
+        self._tracks["track_whole"].from_numpy(tracks)
         clouds.follow(
             self.areas, self.size, self.seed, self._cloud, self._tracks, *self._fixed, self._found, self._shore
         )
@@ -145,15 +161,12 @@ class Clouds:
         assert self.shape[0] == self.size == 1
         rate = np.linalg.norm(velocity, axis=1)
         onward = np.where(rate[:, None] > 0, velocity / np.maximum(rate, 1e-300)[:, None], path.frame(place).north)
-        for name, value in (("own_place", place), ("own_way", onward)):
-            self._cloud[name].from_numpy(np.ascontiguousarray(value).reshape(-1))
-        for name, value in (
-            ("own_rate", rate),
-            ("own_weight", np.ones(len(rate))),
-            *((name, since) for name in ("own_since", "own_due", "own_free")),
-        ):
-            self._cloud[name].from_numpy(np.ascontiguousarray(value, np.float64))
-        self._tracks["track_count"].from_numpy(np.ones(len(rate), np.int32))
+        values = {"place": place, "way": onward, "rate": rate, "weight": np.ones(len(rate))}
+        values |= dict.fromkeys(("since", "due", "free"), since)
+        self._cloud["own_real"].from_numpy(_table(Own, Own.REAL, values, np.float64))
+        tracks = self._tracks["track_whole"].to_numpy()
+        tracks[:, clouds.Track.COUNT] = 1
+        self._tracks["track_whole"].from_numpy(tracks)
 
     @property
     def fields(self) -> Array:
@@ -167,54 +180,54 @@ class Clouds:
 
     def clouds(self, time: float) -> list[Particles]:
         """Return the same of all clouds, worlds side by side in each way of following."""
-        held = {name: column.to_numpy() for name, column in self._cloud.items()}
-        counts = self._tracks["track_count"].to_numpy()
-        return [self._particles(held, slice(k * self.size, k * self.size + n), time) for k, n in enumerate(counts)]
+        real, mode = self._cloud["own_real"].to_numpy(), self._cloud["own_whole"].to_numpy()[:, Own.MODE]
+        counts = self._tracks["track_whole"].to_numpy()[:, clouds.Track.COUNT]
+        spans = [slice(k * self.size, k * self.size + count) for k, count in enumerate(counts)]
+        return [self._particles(real[some], mode[some], time) for some in spans]
 
     @staticmethod
-    def _particles(held: dict[str, Array], some: slice, time: float) -> Particles:
-        place, onward = (held[name].reshape(-1, 3)[some] for name in ("own_place", "own_way"))
-        rate = held["own_rate"][some, None]
-        angle = rate * (time - held["own_since"][some, None])
+    def _particles(real: Array, mode: Array, time: float) -> Particles:
+        place, onward = (real[:, first : first + 3] for first in (Own.PLACE, Own.WAY))
+        rate = real[:, Own.RATE, None]
+        angle = rate * (time - real[:, Own.SINCE, None])
         c, s = np.cos(angle), np.sin(angle)
-        weight = held["own_weight"][some]
-        return Particles(
-            place * c + onward * s, rate * (onward * c - place * s), weight / weight.sum(), held["own_mode"][some]
-        )
+        weight = real[:, Own.WEIGHT]
+        return Particles(place * c + onward * s, rate * (onward * c - place * s), weight / weight.sum(), mode)
 
 
-def _columns(kind: Any, prefix: str, values: dict[str, Any]) -> dict[str, Any]:
-    """Return device columns of a pack, by its members' names."""
-    columns = {}
-    for member, law in kind.members.items():
-        dtype = np.int32 if law.dtype is follower.Ints.dtype else np.float64
-        columns[member] = runtime.upload(np.ascontiguousarray(values[member.removeprefix(f"{prefix}_")], dtype))
-    return columns
+def _table(kind: Any, width: int, values: Mapping[str, Array], dtype: type) -> Array:
+    """Return a table of `width` columns; kind: says in which of them what is called by a name begins."""
+    many = len(next(iter(values.values())))
+    table: Array = np.zeros((many, width), dtype)
+    for name, column in values.items():
+        first = getattr(kind, name.upper())
+        wide = column.shape[1] if column.ndim > 1 else 1
+        table[:, first : first + wide] = column.reshape(many, wide)
+    return table
 
 
-def rules(trackers: Sequence[Tracker]) -> dict[str, Any]:
-    """Return the device columns of ways of following."""
-    rows = []
+def rules(trackers: Sequence[Tracker]) -> Array:
+    """Return the table of ways of following, as kernels.follower.Rule has it."""
+    table = []
     for tracker in trackers:
         law, filling = tracker.behaviour, tracker.filling
         soonest, latest = law.acts or (follower.NEVER, follower.NEVER)
-        rows.append((
+        table.append((
             law.change, law.seek, law.hide, law.leave, soonest, latest, law.spread, law.fastest / sphere.RADIUS,
             filling.partial, filling.bulk, METHODS[filling.method],
         ))  # fmt: skip
-    names = [member.removeprefix("rule_") for member in follower.Rules.members]
-    return _columns(follower.Rules, "rule", dict(zip(names, np.array(rows, np.float64).T, strict=True)))
+    return np.array(table, np.float64)
 
 
-def legs(trackers: Sequence[Path]) -> dict[str, Any]:
-    """Return the device columns of the trackers' ways, one after the other."""
+def legs(trackers: Sequence[Path]) -> Array:
+    """Return the table of the trackers' ways, one after the other."""
     values = {
         "time": np.concatenate([way.time for way in trackers]),
         "place": np.concatenate([way.place for way in trackers]),
         "way": np.concatenate([np.vstack([way.way, path.frame(way.place[-1:]).north]) for way in trackers]),
         "rate": np.concatenate([np.append(way.rate, 0.0) for way in trackers]),
     }
-    return _columns(follower.Legs, "leg", values)
+    return _table(follower.Leg, follower.Leg.REAL, values, np.float64)
 
 
 def wanders(

@@ -262,7 +262,7 @@ def test_no_thread_or_order_of_slots_matters() -> None:
 
 def test_another_seed_or_size_of_the_bias_compiles_nothing() -> None:
     drifted(kernel.Physics(0.2, 21_600.0), 3600, n=100, bias=0.1)
-    kernels = kernel._advance._primal.compiled_kernels, draw.draw_error._primal.compiled_kernels
+    kernels = kernel._advance._primal.compiled_kernels, draw._draw_error._primal.compiled_kernels
     before = [len(compiled) for compiled in kernels]
     drifted(kernel.Physics(0.2, 21_600.0), 3600, n=100, bias=0.3, seed=2**62 + 3)
     assert [len(compiled) for compiled in kernels] == before

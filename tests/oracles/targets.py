@@ -12,9 +12,8 @@ from drift.motion.period import Period
 from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
-from kernels import batch, runtime, steer
+from kernels import batch, rows, runtime, steer
 from kernels.advance import Domain, Step
-from kernels.coast import Reals
 
 WORLD = Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
 PERIOD = Period(np.datetime64("2026-03-05T00:00:00"), np.datetime64("2026-03-15T00:00:00"), 1)
@@ -28,10 +27,11 @@ class Fleet:
     def __init__(self, itinerary: Itinerary, n: int, seed: int = 5, at: Any = (0.0, 0.0), begin: Any = 0) -> None:
         """Draw them; at: (lon, lat) [deg] and begin [s], where the first phase has no way point to begin at."""
         self.n, self.seed = n, seed
-        self.columns = {}
-        for name in steer.COLUMNS:
-            dtype = np.float32 if steer.COLUMNS[name] is Reals else np.int32
-            self.columns[name] = runtime.upload(np.zeros(n, dtype))
+        self.columns = {
+            **{name: runtime.upload(np.zeros(n, np.int32)) for name in steer.CORE},
+            **rows.stack(steer.WHOLE, np.zeros((len(steer.WHOLE), n), np.int32)),
+            **rows.stack(steer.REAL, np.zeros((len(steer.REAL), n), np.float32)),
+        }
         first: dict[str, npt.ArrayLike] = {
             "lon": sphere.to_binary(at[0]), "lat": sphere.to_binary(at[1]),
             "release": begin, "status": int(Status.PENDING), "edge": -1,
@@ -55,7 +55,7 @@ class Fleet:
 
         They are asked of the step's begin, or, chained, each of the one before.
         """
-        before = {name: runtime.copy(column) for name, column in self.columns.items()}
+        before = rows.rebuilt(self.columns, lambda _, array: runtime.copy(array))
         self._move(step)
         places = []
         at, since = (before["lon"], before["lat"]), step.elapsed

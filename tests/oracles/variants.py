@@ -23,7 +23,8 @@ from taichi.lang.matrix import MatrixType
 from taichi.lang.struct import StructType
 from taichi.types.annotations import template
 
-from kernels import advance, bundle, features, glimpse, launch, observe, runtime, sweep, taichi_inside, velocity
+from kernels import advance, bundle, features, glimpse, launch, observe, runtime, sweep, tables, taichi_inside, velocity
+from kernels.dtypes import NUMPY
 
 EVERYTHING = (1 << 18) - 1
 ROUND_THE_POLE = features.POLAR | features.LAYERS | features.MEMBERS
@@ -98,6 +99,8 @@ def arguments(kernel: Any, chosen: dict[str, Any]) -> list[Any]:
 def zero(kind: Any) -> Any:
     """Return an argument of a kind that holds zeros."""
     if constructs.is_array(kind):
+        if kind.ndim == 2:
+            return tables.empty(ELEMENTS, ELEMENTS, NUMPY[kind.dtype])
         one = isinstance(kind.dtype, MatrixType)
         return runtime.empty_nodes(ELEMENTS) if one else runtime.empty(ELEMENTS, kind.dtype)
     if isinstance(kind, ArgPackType):

@@ -15,7 +15,7 @@ from drift.tracker.path import Path
 from drift.tracker.records import METHODS, Behaviour, Filling, Plan, Sensor, Tracker
 from geo import sphere
 from kernels.clouds import DETECTED, SILENT
-from kernels.follower import HIDING, SEEKING
+from kernels.follower import HIDING, SEEKING, Own
 
 EARTH = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 EYES = Sensor("visual", 10 * NMI, 0.3, math.radians(1.5), 12.0)
@@ -298,7 +298,8 @@ def test_duplicates_grow_by_the_square_of_what_they_weigh() -> None:
     laws = [Tracker("x", Behaviour(FASTEST), Filling("position", partial, 0.5)) for partial in (0.5, 1.0)]
     held = Clouds([scene], laws, n, 4).go()
     left, filled = (
-        held._cloud["own_weight"].to_numpy()[k * n :][: len(held.particles(k, 0, 700.5).weight)] for k in (0, 1)
+        held._cloud["own_real"].to_numpy()[k * n :, Own.WEIGHT][: len(held.particles(k, 0, 700.5).weight)]
+        for k in (0, 1)
     )
     assert 0.6 * n < len(left) < 0.9 * n
     assert len(filled) == n
