@@ -17,9 +17,7 @@ from typing import Any
 from kernels import advance, features, integrate, sample
 
 # Conditions at run time that hold for a particle that is adrift all along. All others are false.
-HOLD = frozenset(
-    {"moves", "held.moving[0, j] == 1", "held.moving[0, j] == 1 and held.sets_off[0, j] > 0.5", "known"}
-)
+HOLD = frozenset({"moves", "held.moving[0, j] == 1", "held.moving[0, j] == 1 and held.sets_off[0, j] > 0.5", "known"})
 WIDE = 4  # [bytes] of every column: int32 or float32
 PACKS = {"core": "core", "own": "own"}  # parameters of the kernel that hold columns
 
