@@ -49,6 +49,7 @@ from kernels import coast as device_coast
 from kernels import memory, runtime, velocity
 
 CASE = "overdue_boat"
+SMALL = ROOT / "docs" / "generate" / "small.toml"
 FEWEST, WHOLE = 10**5, 10**6
 DISTINCT = 10**6  # places that are drawn; more particles take them again, in the same random order
 FINER = 20  # times as many nodes a side: 1.5 GB of current and wind, more than any cache
@@ -240,11 +241,11 @@ def table_of_terms(found: dict[str, dict[str, Any]]) -> Iterator[str]:
         yield row(cells)
 
 
-def whole_run(backend: str, n: int) -> dict[str, float]:
-    """Return seconds by phase of a run of the default case with its files; empty where it fails."""
+def whole_run(case: str, backend: str, n: int) -> dict[str, float]:
+    """Return seconds by phase of a run of a case with its files; empty where it fails."""
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "out"
-        command = [sys.executable, "-m", "drift", "run", CASE, "--backend", backend, "--quiet"]
+        command = [sys.executable, "-m", "drift", "run", case, "--backend", backend, "--quiet"]
         command += ["--set", f"particles={n}", "--out", str(out)]
         begin = time.perf_counter()
         done = subprocess.run(command, capture_output=True, text=True, cwd=scratch)
@@ -283,8 +284,8 @@ def measure(given: argparse.Namespace) -> None:
     print("\n" + "\n".join(table_of_terms(found)))
     whole = int(given.whole or min(given.most, WHOLE))
     for backend in found:
-        runs[backend] = whole_run(backend, whole)
-    print(f"\nA whole run of {CASE} with its files, {whole:,} particles:\n")
+        runs[backend] = whole_run(given.case, backend, whole)
+    print(f"\nA whole run of {Path(given.case).stem} with its files, {whole:,} particles:\n")
     print("\n".join(table_of_runs(runs)))
 
 
@@ -377,6 +378,7 @@ def main() -> None:
     parser.add_argument("backends", nargs="*", default=["cpu"], help="cpu, cuda, vulkan, metal")
     parser.add_argument("--most", type=float, default=1e7, help="particles")
     parser.add_argument("--whole", type=float, help="particles of the whole runs; the least of --most and 1e6")
+    parser.add_argument("--case", default=CASE, help="of the whole runs")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--finer", type=int, default=FINER, help="how much finer the forcing is that no cache holds")
     parser.add_argument("--paper", nargs="?", const="H100", metavar="CARD", help="estimate, for a card of cards.py")
@@ -385,7 +387,7 @@ def main() -> None:
     parser.add_argument("--ptx", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.smallest:
-        given.most, given.finer = 2_000, 2
+        given.most, given.finer, given.case = 2_000, 2, str(SMALL)
     if given.ptx:
         write_ptx()
     elif given.inside:
