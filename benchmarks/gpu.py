@@ -54,9 +54,8 @@ FEWEST, WHOLE = 10**5, 10**6
 DISTINCT = 10**6  # places that are drawn; more particles take them again, in the same random order
 FINER = 20  # times as many nodes a side: 1.5 GB of current and wind, more than any cache
 STEP = 600  # [s]
-WARM_UP = 2  # steps
-UPDATES = 4_000_000  # particle-steps of a round, at least
-MOST_STEPS = 40  # of a round
+ROUND = 0.3  # [s] of steps are a round; a step that takes longer is one
+MOST_STEPS = 40  # of a round: particles must not leave
 COPIED = 2**28  # [bytes] of the array by whose copy the bandwidth is measured
 SHARE = 0.8  # of free memory that is taken
 STUBBED = 20_000  # particles of the run on the stub, whose host time does not depend on them
@@ -133,19 +132,22 @@ def along_curve(lon: np.ndarray, lat: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def timed(move: kernel.Move, n: int, rounds: int) -> list[float]:
-    """Return nanoseconds a particle-step of each round."""
-    steps = max(1, min(UPDATES // n, MOST_STEPS))
-    found, number = [], 0
-    for k in range(rounds + 1):
-        many = WARM_UP if k == 0 else steps
+    """Return nanoseconds a particle-step of each round, after steps that compile and warm up."""
+    number = 0
+
+    def seconds(steps: int) -> float:
+        nonlocal number
         runtime.wait()
         begin = time.perf_counter()
-        for _ in range(many):
+        for _ in range(steps):
             move(kernel.Step(number, STEP * number, STEP, 1))
             number += 1
         runtime.wait()
-        found.append((time.perf_counter() - begin) / many / n * 1e9)
-    return found[1:]
+        return (time.perf_counter() - begin) / steps
+
+    _, one = seconds(1), seconds(1)
+    steps = max(1, min(int(ROUND / one), MOST_STEPS))
+    return [seconds(steps) / n * 1e9 for _ in range(rounds)]
 
 
 def measure_terms(sizes: list[int], rounds: int, finer: int) -> Iterator[dict[str, Any]]:
