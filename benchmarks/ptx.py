@@ -41,11 +41,10 @@ class Cost(NamedTuple):
     spilled: int  # [bytes] stored and loaded again, a thread
 
 
-def ptxas() -> str:
+def find_ptxas() -> str | None:
     """Return where ptxas is: on the path, or in one of NVIDIA's packages from PyPI."""
     packages = (path for folder in sys.path for path in Path(folder).glob("nvidia/*/bin/ptxas"))
-    found = shutil.which("ptxas") or next((str(path) for path in packages), None)
-    return found or sys.exit(NO_PTXAS)
+    return shutil.which("ptxas") or next((str(path) for path in packages), None)
 
 
 def make_ptx(driver: Path, out: Path, arch: int) -> None:
@@ -119,7 +118,7 @@ def main() -> None:
     options = parser.parse_args()
     if cuda_stub.why_not():
         sys.exit(cuda_stub.why_not())
-    program, found = ptxas(), defaultdict(dict)
+    program, found = find_ptxas() or sys.exit(NO_PTXAS), defaultdict(dict)
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor() as pool:
         driver = cuda_stub.compiled(Path(scratch))
         for arch in options.arch:

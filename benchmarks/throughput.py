@@ -51,17 +51,31 @@ CASES: list[tuple[str, str, kernel.Physics, bool, bool]] = [  # name, scheme, ph
 ]
 
 
-def fields() -> Tiles:
-    """Return the yardstick's current and wind on the device."""
-    tiles = Tiles([GRID, GRID])
-    y, x = np.meshgrid(np.arange(300), np.arange(400), indexing="ij")
-    current = np.stack([0.5 * np.sin(y / 30), 0.5 * np.cos(x / 30)], axis=-1)
-    wind = np.stack([5 * np.cos(y / 50), 5 * np.sin(x / 50)], axis=-1)
+def fields(finer: int = 1) -> Tiles:
+    """Return the yardstick's current and wind on the device; finer: that many times as many nodes a side."""
+    nlon, nlat = finer * GRID.nlon, finer * GRID.nlat
+    grid = Grid(GRID.lon0, GRID.lat0, GRID.dlon / finer, GRID.dlat / finer, nlon, nlat)
+    tiles = Tiles([grid, grid])
+    y, x = np.meshgrid(
+        np.arange(nlat, dtype=np.float32) / finer, np.arange(nlon, dtype=np.float32) / finer, indexing="ij", sparse=True
+    )
+
+    def field(east: np.ndarray, north: np.ndarray) -> np.ndarray:
+        return np.stack(np.broadcast_arrays(east, north), axis=-1)
+
+    current = field(0.5 * np.sin(y / 30), 0.5 * np.cos(x / 30))
+    wind = field(5 * np.cos(y / 50), 5 * np.sin(x / 50))
     for tile, values in enumerate((current, wind)):
         tiles.place(tile, values, later=False)
         tiles.place(tile, values, later=True)
     tiles.blend([(0.0, 0.1), (0.0, 0.1)])
     return tiles
+
+
+def domain() -> kernel.Domain:
+    """Return the yardstick's box as kernels take it."""
+    west, south = (int(sphere.to_binary(x)) for x in (BOX.west, BOX.south))
+    return kernel.Domain(west, south, int(20 / 360 * sphere.TURN), int(15 / 360 * sphere.TURN))
 
 
 def particles(n: int, coast: shoreline.Coast) -> record.Ensemble:
@@ -72,9 +86,14 @@ def particles(n: int, coast: shoreline.Coast) -> record.Ensemble:
         x, y = sphere.to_binary(rng.uniform(-95, -85, n)), sphere.to_binary(rng.uniform(20, 30, n))
         wet = ~shoreline.is_land(coast, x, y)
         lon, lat = np.concatenate([lon, x[wet]]), np.concatenate([lat, y[wet]])
-    ensemble = record.empty(1, (0, n), COLUMNS)
-    ensemble.lon.from_numpy(lon[:n])
-    ensemble.lat.from_numpy(lat[:n])
+    return ensemble_at(lon[:n], lat[:n])
+
+
+def ensemble_at(lon: np.ndarray, lat: np.ndarray) -> record.Ensemble:
+    """Return particles at these places [binary angles], with the yardstick's leeway."""
+    ensemble = record.empty(1, (0, lon.size), COLUMNS)
+    ensemble.lon.from_numpy(lon)
+    ensemble.lat.from_numpy(lat)
     for name, value in (("down_slope", 0.03), ("down_offset", 0.02), ("right_slope", 0.01), ("left_slope", -0.01)):
         ensemble.own[name].fill(value)
     return ensemble
@@ -97,8 +116,7 @@ def measure(most: int) -> list[dict[str, object]]:
     land = shore.land("gshhg", BOX)
     coast = shoreline.build(land, BOX)
     device = device_coast.upload(coast)
-    west, south = (int(sphere.to_binary(x)) for x in (BOX.west, BOX.south))
-    domain = kernel.Domain(west, south, int(20 / 360 * sphere.TURN), int(15 / 360 * sphere.TURN))
+    box = domain()
     rows: list[dict[str, object]] = [{"case": case[0]} for case in CASES]
     for n in (10**k for k in range(4, 8) if 10**k <= most):
         ensemble = particles(n, coast)
@@ -117,7 +135,7 @@ def measure(most: int) -> list[dict[str, object]]:
                     ranges,
                     physics,
                     step,
-                    kernel.Surroundings(domain, shore_or_none, scheme=scheme),
+                    kernel.Surroundings(box, shore_or_none, scheme=scheme),
                 )
                 runtime.wait()
 
