@@ -28,6 +28,7 @@ from geo import sphere
 ROOT = Path(__file__).parents[1]
 SMALL = ROOT / "docs" / "generate"
 RUNS = [path.stem for path in sorted((ROOT / "cases").glob("*.toml"))]
+PROBABILITIES = ("pos.", "poc.", "pod.", "probability", "account.", "posterior.", "weight")
 TRACKING = [path.stem for path in sorted((ROOT / "cases" / "tracking").glob("*.toml"))]
 
 
@@ -45,7 +46,7 @@ def commands(particles: int) -> dict[str, list[str]]:
         "compare small": [
             "compare", str(SMALL / "small.toml"), "--set-b", "uncertainty.current.std='0.1 m/s'", "--set", f"particles={particles}",
         ],
-        "sensor small_arrays": ["sensor", str(SMALL / "small_arrays.toml")],
+        "sensor small_arrays": ["sensor", str(SMALL / "small_arrays.toml"), "west"],
     }  # fmt: skip
     for case in TRACKING:
         if case == "lost_contact":
@@ -116,11 +117,11 @@ def figures_apart(one: Path, other: Path) -> str:
     """Return the largest difference of a probability, and relative one of an area, with their paths."""
     a, b = told(one), told(other)
     cells = []
-    for words, relative in ((("pos", "poc", "pod", "probability", "ashore", "weight"), False), (("area",), True)):
+    for words, relative in ((PROBABILITIES, False), (("area",), True)):
         rows = [
             (abs(a[key] - b[key]) / (max(abs(a[key]), abs(b[key]), 1e-30) if relative else 1.0), key)
             for key in a.keys() & b.keys()
-            if any(word in key.lower() for word in words)
+            if any(word in key.lower() for word in words) and not any(word in key for word in ("ess", "effective"))
         ]
         rows = [row for row in rows if np.isfinite(row[0])]
         cells.append("| {:.1e} {}".format(*max(rows)) if rows else "| ")

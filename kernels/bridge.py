@@ -11,8 +11,6 @@ import taichi as ti
 from kernels import curve, life, noise, runtime, sphere
 from kernels.coast import POLEWARD, Coast, DeviceCoast, Ints, Reals, first_crossing, open_sea
 
-Doubles = ti.types.ndarray(dtype=ti.f64, ndim=1)
-
 
 class Inside(NamedTuple):
     """A time inside a step that has just been made, and where its particles were at an earlier time in it."""
@@ -29,10 +27,10 @@ class Inside(NamedTuple):
 
 
 @ti.func
-def covered(left: ti.i32, finish: ti.i32, time: ti.i32) -> ti.f64:
+def covered(left: ti.i32, finish: ti.i32, time: ti.i32) -> ti.f32:
     """Return the share, 0 to 1, that a particle has covered by a time of a way that takes it from `left` to `finish` [s]."""
-    lasting = ti.cast(ti.max(finish - left, 1), ti.f64)
-    return ti.min(ti.max(ti.cast(time - left, ti.f64) / lasting, ti.f64(0.0)), ti.f64(1.0))
+    lasting = ti.cast(ti.max(finish - left, 1), ti.f32)
+    return ti.min(ti.max(ti.cast(time - left, ti.f32) / lasting, 0.0), 1.0)
 
 
 @ti.func
@@ -58,7 +56,7 @@ def _between(
     moving_since: Ints,
     scenario: Ints,
     bend: Reals,
-    diffusivity: Doubles,
+    diffusivity: Reals,
     shift: Ints,
     begin: ti.i32,
     end: ti.i32,
@@ -78,21 +76,21 @@ def _between(
             first = starts(begin, finish, release[i], moving_since[i])
             left = starts(since, finish, release[i], moving_since[i])
             share = covered(left, finish, time)
-            spread = ti.f64(0.0)
+            spread = 0.0
             if status[i] == life.ADRIFT:
-                spread = ti.sqrt(2.0 * spreads * share * (1.0 - share) * ti.cast(ti.max(finish - left, 1), ti.f64))
-            x, y, part = lon[i], lat[i], ti.cast(share, ti.f32)
+                spread = ti.sqrt(2.0 * spreads * share * (1.0 - share) * ti.cast(ti.max(finish - left, 1), ti.f32))
+            x, y = lon[i], lat[i]
             own = curve.f32x4([bend[4 * i + k] for k in ti.static(range(4))])
             # From a position inside the step the track continues along the rest of the curve.
-            off = curve.off_chord(own, ti.cast(covered(first, finish, time), ti.f32))
-            off -= (1.0 - part) * curve.off_chord(own, ti.cast(covered(first, finish, since), ti.f32))
-            way = curve.inside(polar, x, y, end_lon[i], end_lat[i], part, off)
+            off = curve.off_chord(own, covered(first, finish, time))
+            off -= (1.0 - share) * curve.off_chord(own, covered(first, finish, since))
+            way = curve.inside(polar, x, y, end_lon[i], end_lat[i], share, off)
             x_line, y_line = curve.moved(polar, x, y, way)
             line_lon, line_lat = x_line - x, y_line - y
             move_lon, move_lat = line_lon, line_lat
             if spread > 0.0:
                 w = noise.words(seed0, seed1, noise.STREAM_BRIDGE, i + shift[scenario[i]], moment)
-                n = noise.normals(w[0], w[1]) * ti.cast(spread, ti.f32)
+                n = noise.normals(w[0], w[1]) * spread
                 if ti.static(not polar):
                     n *= ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
                     n[0] /= sphere.cos_lat(y)
@@ -124,7 +122,7 @@ def between(
     """
     e, own = ensemble, inside
     columns = e.lon, e.lat, e.status, e.release, e.status_since, e.moving_since, e.scenario, own.bend
-    table = runtime.upload(np.asarray(diffusivity, np.float64))
+    table = runtime.upload(np.asarray(diffusivity, np.float32))
     times = own.begin, own.end, own.since, own.time
     key = *noise.key(own.seed), own.moment
     _between(

@@ -15,7 +15,8 @@ from typing import Any
 
 import taichi as ti
 
-from kernels import doubles, launch, noise
+from geo.errors import UserError
+from kernels import doubles, launch, noise, runtime
 from kernels.coast import Coast, DeviceCoast, is_wet, open_sea
 from kernels.follower import (
     ACTING,
@@ -425,6 +426,8 @@ def follow(
     sweeps, legs: device tables by name, the members of Cloud (clouds * size rows), Tracks, Rules, Sweeps and Legs.
     estimates: (rows * 12,), the FIELDS of each. coast: on whose land no particle is, None: anywhere.
     """
+    if runtime.backend() == "metal":
+        raise UserError("--backend metal: tracks are followed in float64, which Metal lacks; use --backend cpu")
     seed0, seed1 = noise.key(seed)
     packs = [
         launch.pack(kind, *(columns[name] for name in kind.members))

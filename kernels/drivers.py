@@ -16,7 +16,6 @@ from typing import Any
 from kernels import devices
 from kernels.devices import Device, Listed
 
-METAL = 31  # buffers that Metal hands to a kernel (Metal Feature Set Tables)
 SOFTWARE = re.compile("llvmpipe|lavapipe|softpipe|swiftshader", re.IGNORECASE)
 HIDING = "CUDA_VISIBLE_DEVICES"  # environment variable of CUDA
 FEATURES = {"float64": 39, "int64": 40}  # by their place in VkPhysicalDeviceFeatures
@@ -90,9 +89,8 @@ def metal() -> Listed:
     """Return the graphics unit of an Apple processor."""
     if sys.platform != "darwin" or platform.machine() != "arm64":
         return Listed("metal", (), "it is for macOS on Apple's own processors")
-    unfit = f"kernels take up to {devices.BUFFERS} arrays, and Metal hands {METAL} to one"
     driver = f"macOS {platform.mac_ver()[0]}"
-    return Listed("metal", (Device("metal", 0, "Apple GPU", "integrated", driver, None, None, unfit),))
+    return Listed("metal", (Device("metal", 0, "Apple GPU", "integrated", driver),))
 
 
 def vulkan() -> Listed:

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 from places import ROOT
 
-from kernels import devices, drivers
+from geo.errors import UserError
+from kernels import clouds, devices, drivers, runtime
 
 LIST = "import json, sys; from dataclasses import asdict; from kernels import drivers; "
 LIST += "print(json.dumps(asdict(drivers.ask(sys.argv[1]))))"
@@ -125,7 +126,7 @@ def test_devices_of_vulkan_with_their_memory(ask: Ask) -> None:
         ({"STUB_INT64": 0}, "it lacks int64, which"),
         ({"STUB_STORAGE8": 0}, "it lacks 8 bits in buffers, which"),
         ({"STUB_INT8": 0, "STUB_INT64": 0}, "it lacks int64, int8, which"),
-        ({"STUB_BUFFERS": 51}, "it hands 51 buffers to a kernel, and kernels take up to 52"),
+        ({"STUB_BUFFERS": 30}, "it hands 30 buffers to a kernel, and kernels take up to 31"),
         ({"STUB_FREE": 2**20}, "1.0 MiB of its memory are free"),
         ({"STUB_TYPES": 4, "STUB_INFO": "Mesa 22.3.6 (LLVM 15.0.6)"}, "software of stubv Mesa 22.3.6 (LLVM 15.0.6)"),
         ({"STUB_NAME": "SwiftShader Device"}, "software of stubv Mesa 24.1.2"),
@@ -135,7 +136,7 @@ def test_a_device_of_vulkan_that_cannot_be_used(ask: Ask, says: dict, why: str) 
     (device,) = ask("vulkan", "libvulkan.so.1", **says)["devices"]
     assert device["unfit"].startswith(why)
     assert device["remedy"]
-    assert ask("vulkan", STUB_BUFFERS=52)["devices"][0]["unfit"] == ""
+    assert ask("vulkan", STUB_BUFFERS=31)["devices"][0]["unfit"] == ""
 
 
 def test_no_device_of_vulkan(ask: Ask) -> None:
@@ -149,7 +150,7 @@ def test_a_library_without_what_is_asked_is_too_old(ask: Ask, tmp_path: Path) ->
     assert ask("cuda")["why"].startswith("the driver's library is too old (")
 
 
-def test_metal_is_for_apple_and_hands_too_few_arrays_to_a_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_metal_is_for_apple(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "linux")
     assert drivers.ask("metal").why == "it is for macOS on Apple's own processors"
     monkeypatch.setattr(sys, "platform", "darwin")
@@ -157,7 +158,13 @@ def test_metal_is_for_apple_and_hands_too_few_arrays_to_a_kernel(monkeypatch: py
     monkeypatch.setattr("platform.mac_ver", lambda: ("14.5", ("", "", ""), "arm64"))
     (device,) = drivers.ask("metal").devices
     assert (device.kind, device.driver, device.room) == ("integrated", "macOS 14.5", None)
-    assert device.unfit == "kernels take up to 52 arrays, and Metal hands 31 to one"
+    assert device.unfit == ""
+
+
+def test_tracks_are_refused_on_metal_which_has_no_float64(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runtime, "backend", lambda: "metal")
+    with pytest.raises(UserError, match=r"^--backend metal: tracks are followed in float64, .*; use --backend cpu$"):
+        clouds.follow(False, 1, 1, {}, {}, {}, {}, {}, None)
 
 
 @pytest.mark.skipif(shutil.which("vulkaninfo") is None, reason="needs vulkaninfo (Debian: vulkan-tools)")
