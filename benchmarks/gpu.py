@@ -218,6 +218,11 @@ def head(names: list[str], left: int = 1) -> str:
     return f"{row(names)}\n|{'---|' * left}{'--:|' * (len(names) - left)}"
 
 
+def three(value: float) -> str:
+    """Return a number to three digits, and never with an exponent."""
+    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
+
+
 def table_of_terms(found: dict[str, dict[str, Any]]) -> Iterator[str]:
     """Yield the rows of the table of terms; found: by backend."""
     names = ["step", "forcing", "particles", "state B", "forcing B"]
@@ -234,8 +239,8 @@ def table_of_terms(found: dict[str, dict[str, Any]]) -> Iterator[str]:
         for backend, one in found.items():
             own, cpu = times.get((backend, number, n)), times.get(("cpu", number, n))
             cells += [NONE] * 3 if own is None else [
-                f"{min(own):.3g} ({median(own):.3g})",
-                f"{1e3 / min(own):,.3g}" if min(own) > 1 else f"{1e3 / min(own):,.0f}",
+                f"{three(min(own))} ({three(median(own))})",
+                three(1e3 / min(own)),
                 f"{100 * moved / min(own) * 1e9 / one['bandwidth']:.2g} %",
             ]  # fmt: skip
             if "cpu" in found and backend != "cpu":
@@ -353,25 +358,30 @@ def paper(card: Card) -> None:
     names = ["step", "state B", "forcing B", "registers", "occupancy", "instructions", "loads"]
     names += ["G/s: memory, cached", "one look-up", "every stage", "issue"]
     print(head(names))
-    bounds: dict[int, dict[str, float]] = {}
+    bounds: dict[tuple[str, str], dict[str, float]] = {}
     for number, (cost, way) in found.items():
         term = TERMS[number]
         state, forcing = traffic.columns(term.features).bytes, traffic.gathered(term.features)
         once = forcing // traffic.stages(term.features)
         by_memory = [card.bandwidth / moved for moved in (state, state + once, state + forcing)]
-        bounds[number] = {"memory": by_memory[-1], "issue": card.issued / way.instructions}
-        cells = [term.name, state, forcing, *((cost.registers, cost.occupancy) if cost else (NONE, NONE)), *way[:2]]
-        print(row([*cells, *(f"{each / 1e9:.3g}" for each in (*by_memory, bounds[number]["issue"]))]))
+        issue = card.issued / way.instructions
+        bounds[term.name, CACHED] = {"memory": by_memory[0], "issue": issue}
+        bounds[term.name, FAR] = {"memory": by_memory[-1], "issue": issue}
+        ptxas = (cost.registers, f"{cost.occupancy:.2f}") if cost else (NONE, NONE)
+        cells = [term.name, state, forcing, *ptxas, way.instructions, way.loads]
+        print(row([*cells, *(three(each / 1e9) for each in (*by_memory, issue))]))
     sizes = [10**k for k in range(5, 9)]
-    print("\nG particle-steps a second, the least of memory (every stage's look-ups), issue and host:\n")
-    print(head(["step", *(f"{n:,}" for n in sizes)]))
-    for number, bound in bounds.items():
+    print("\nBounds in 10^9 particle-steps a second, by the number of particles: the least of memory (forcing")
+    print("that is not in cache: every stage's look-ups), issue and host. Aims: above 5 for RK4 with wind and")
+    print("leeway, above 2 for everything.\n")
+    print(head(["step", "forcing", *(f"{n:,}" for n in sizes)], 2))
+    for names, bound in bounds.items():
         cells = []
         for n in sizes:
             whole = bound | {"host": n / host}
             least = min(whole, key=whole.__getitem__)
             cells.append(f"{whole[least] / 1e9:.2g} ({least})")
-        print(row([TERMS[number].name, *cells]))
+        print(row([*names, *cells]))
 
 
 def main() -> None:

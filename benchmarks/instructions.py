@@ -1,7 +1,7 @@
 """Instructions of PTX that a thread issues for one particle, counted without a card.
 
 It cuts the longest entry of a kernel's PTX into blocks, and takes the shortest way once round its
-outer loop: through the block that loads most columns, through the loop over the stages of the
+outer loop: through the block that takes the particle's columns, through the loop over the stages of the
 scheme, which counts once a stage, and through a block that stores whole numbers, as the end of a
 step does. On that way the particle is far from the
 shore, and no function of the library takes its slow branch. PTX is not what a card runs: ptxas
@@ -111,10 +111,14 @@ def shortest(text: str, stages: int) -> Way:
     stage = max(loops, key=lambda name: graph[name].count("ld"))
     repeats = {name: stages if name == stage else 1 for name in graph}
     weights = {name: repeats[name] * len(graph[name].lines) for name in graph}
-    before = order[order.index(heads[0]) : order.index(stage)]
-    gather = max(before, key=lambda name: graph[name].count("ld.u32") + graph[name].count("ld.f32"))
     ends = [name for name in order if name != stage and graph[name].count("st.u32") >= STORES]
-    way = _through(graph, weights, (heads[0], gather, stage), ends)
+    way = _through(graph, weights, (heads[0], stage), ends)
+    # The shortest way of all skips the block that takes the particle's columns: that is mostly loads.
+    aside = [name for name in order[order.index(heads[0]) : order.index(stage)] if name not in way]
+    taken = [name for name in aside if graph[name].count("ld")]
+    if taken:
+        gather = max(taken, key=lambda name: graph[name].count("ld") ** 2 / len(graph[name].lines))
+        way = _through(graph, weights, (heads[0], gather, stage), ends)
     return Way(sum(weights[name] for name in way), sum(repeats[name] * graph[name].count("ld") for name in way))
 
 
