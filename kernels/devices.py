@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from geo import notation
 from geo.errors import UserError
 
-WORTH = 100_000  # particles, an estimate: 1 ms of the host a step on a card is 12 ns a particle of 16 cores (docs/backends.md)
+WORTH = 100_000  # particles, an estimate: a step costs the host 0.5 ms, as 40,000 do on 16 cores (docs/backends.md)
 LEAST = (
     2**30
 )  # [bytes] of a card for its context, kernels, forcing and coast; Taichi 1.7.4 takes as many of old drivers

@@ -28,7 +28,7 @@ def rows(done: subprocess.CompletedProcess[str]) -> list[dict[str, Any]]:
     return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
 
 
-@pytest.mark.slow
+@pytest.mark.gpu
 @pytest.mark.skipif(bool(cuda_stub.why_not()), reason=cuda_stub.why_not() or "the stub can be made")
 @pytest.mark.parametrize("part", range(PARTS))
 def test_every_kernel_compiles_to_ptx(part: int, tmp_path: Path) -> None:
@@ -46,7 +46,7 @@ def test_every_kernel_compiles_to_ptx(part: int, tmp_path: Path) -> None:
     assert len([call for call in calls if call[0] == "launch"]) >= len(found)
 
 
-@pytest.mark.slow
+@pytest.mark.gpu
 @pytest.mark.parametrize("part", range(PARTS))
 def test_every_kernel_compiles_to_spirv(part: int) -> None:
     environment = os.environ | {"PYTHONPATH": HERE}
