@@ -6,6 +6,7 @@ dtypes   types of scalars
 runtime  start a backend; host arrays <-> device arrays
 devices, drivers  graphics cards: which one is taken, and what their drivers list
 taichi_way  Taichi by its insides (taichi_inside), or by its public interface alone (taichi_public)
+taichi_fork  a fork of Taichi in its place, where DRIFT_TAICHI names one
 rows     columns in the rows of one array: a card binds few arrays to a kernel
 tables   tables of two dimensions: the numbers of one thing side by side
 launch   arguments in groups; a kernel with its arguments set once
@@ -56,3 +57,8 @@ os.environ.setdefault("TI_ENABLE_PYBUF", "0")
 # Taichi asks at each of its decorators which source line imports the module, of a frame of Python's importer, which has no
 # source: all modules are looked through in vain, half a second in all, unless it is known where that frame belongs.
 inspect.modulesbyfile.setdefault("<frozen importlib._bootstrap>", "importlib._bootstrap")
+
+if os.environ.get("DRIFT_TAICHI"):
+    from kernels import taichi_fork
+
+    taichi_fork.register(os.environ["DRIFT_TAICHI"])

@@ -179,7 +179,8 @@ def _caching() -> dict[str, object]:
         )
         os.environ.pop(NAMED, None)  # Taichi would warn that it does not count
         return {"offline_cache": False, "offline_cache_file_path": str(Path(ti.__file__).parent)}
-    known = taichi_way.inside or os.environ.get(NAMED)  # then Taichi takes this folder by itself
+    # Taichi takes this folder by itself; a fork knows neither the folder nor the variable.
+    known = not taichi_way.fork and (taichi_way.inside or os.environ.get(NAMED))
     return {"offline_cache": True} | ({} if known else {"offline_cache_file_path": str(cache)})
 
 

@@ -18,7 +18,7 @@ _Structure = type(ti.types.struct(one=ti.f32))
 
 def cache() -> Path:
     """Return the folder in which Taichi keeps compiled kernels, where nobody names another."""
-    return Path.home() / ".cache" / "taichi" / "ticache"
+    return Path.home() / ".cache" / ti.__name__ / "ticache"
 
 
 def begin(backend: str) -> None:

@@ -7,10 +7,11 @@ import taichi as ti
 KNOWN = (1, 7, 4)  # release whose insides kernels.taichi_inside uses
 PLAIN = "DRIFT_PLAIN_TAICHI"  # environment variable: 1 takes the public interface whatever the release, for tests
 
-inside = ti.__version__ == KNOWN and os.environ.get(PLAIN) != "1"
+fork = ti.__name__ != "taichi"  # see kernels.taichi_fork
+inside = not fork and ti.__version__ == KNOWN and os.environ.get(PLAIN) != "1"
 if inside:
     from kernels import taichi_inside as way
 else:
     from kernels import taichi_public as way
 
-__all__ = ["inside", "way"]
+__all__ = ["fork", "inside", "way"]

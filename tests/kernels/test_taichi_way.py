@@ -88,7 +88,7 @@ def test_no_other_file_reaches_into_taichi() -> None:
 def test_the_public_way_is_public() -> None:
     tree = ast.parse((KERNELS / "taichi_public.py").read_text(encoding="utf-8"))
     attributes = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
-    assert not {name for name in attributes if name.startswith("_")}
+    assert not {name for name in attributes if name.startswith("_")} - {"__name__"}
 
 
 def test_both_ways_have_the_same_functions() -> None:
