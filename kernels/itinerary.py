@@ -39,17 +39,21 @@ f32x2 = ti.types.vector(2, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
 
 # The tables of all itineraries, those of whole numbers in one array, the others in another. `_at`: where a table begins
-# in its array. Vertices stand first.
+# in its array. Those by phase, which are read most, stand first.
 Plan = ti.types.argpack(
-    numbers=Ints,
-    laws=Reals,
-    # By scenario: first phase, the one after its last; bits of what land means; law of the distress, and its
-    # earliest time [s].
-    stories_at=ti.i32,
     # By phase: kind; first way point, those all targets pass, destinations to choose from after them; first vertex of a
     # ring, its vertices; when it is over [s], how long it lasts at most [s]; when it starts at the earliest [s], for
     # times of way points; row of its behaviour.
-    phases_at=ti.i32,
+    numbers=Ints,
+    # By phase: course [rad] (4), speed [m/s] (4), start after the earliest [s] (4): see spreads.triangle; mean time
+    # between changes of course [s], 0: none; mean length of a leg [m]; K [m/sqrt(s)], standard deviation of its
+    # logarithm; lowest and highest speed made good between way points with times [m/s].
+    laws=Reals,
+    # Vertices (lon, lat) of rings; this one counts in pairs of numbers.
+    vertices_at=ti.i32,
+    # By scenario: first phase, the one after its last; bits of what land means; law of the distress, and its
+    # earliest time [s].
+    stories_at=ti.i32,
     # By way point: law of the place; lon, lat; first vertex of a ring, its vertices; the ring's box (west, south, width,
     # height); law of the time, and its beginning or mean [s after the start].
     points_at=ti.i32,
@@ -58,10 +62,6 @@ Plan = ti.types.argpack(
     # By scenario: distress after the earliest time [s], or by share of the voyage (4), see spreads.triangle; its
     # rate [1/s].
     story_laws_at=ti.i32,
-    # By phase: course [rad] (4), speed [m/s] (4), start after the earliest [s] (4): see spreads.triangle; mean time
-    # between changes of course [s], 0: none; mean length of a leg [m]; K [m/sqrt(s)], standard deviation of its
-    # logarithm; lowest and highest speed made good between way points with times [m/s].
-    phase_laws_at=ti.i32,
     # By way point: major, minor axis [m] and orientation [rad from north] (of a lane: half width, -, bearing of the
     # displacement); distance from the way point before [m]; how much of the deviation from the way point before it has,
     # east of east, east of north, north of east, north of north; time (4), see spreads.triangle, or its standard
@@ -71,8 +71,8 @@ Plan = ti.types.argpack(
     # sector on either side in which one hides [rad]; highest speed [m/s]. Its phase's vertices are those of `tracks`.
     behaviours_at=ti.i32,
 )
-NUMBERS = ("vertices", "stories", "phases", "points", "tracks")  # tables in the order in which they stand
-LAWS = ("story_laws", "phase_laws", "point_laws", "behaviours")
+NUMBERS = ("phases", "vertices", "stories", "points", "tracks")  # tables in the order in which they stand
+LAWS = ("phase_laws", "story_laws", "point_laws", "behaviours")
 
 
 def packed(tables: Mapping[str, np.ndarray]) -> Any:
@@ -80,11 +80,13 @@ def packed(tables: Mapping[str, np.ndarray]) -> Any:
 
     `vertices` holds lon, lat of rings.
     """
+    whole = {**tables, "phases": np.append(tables["phases"], np.zeros(tables["phases"].size % 2, np.int32))}
     arrays, begins = [], {}
     for names in (NUMBERS, LAWS):
-        ends = np.cumsum([tables[name].size for name in names]).tolist()
+        ends = np.cumsum([whole[name].size for name in names]).tolist()
         begins |= {f"{name}_at": begin for name, begin in zip(names, [0, *ends], strict=False)}
-        arrays.append(runtime.upload(np.concatenate([tables[name] for name in names])))
+        arrays.append(runtime.upload(np.concatenate([whole[name] for name in names])))
+    begins["vertices_at"] //= 2
     return launch.pack(Plan, *arrays, *(begins[name] for name in list(Plan.members)[2:]))
 
 
@@ -149,7 +151,7 @@ def first(key: Chance, phase: ti.i32) -> Chance:
 @ti.func
 def course_of(plan: ti.template(), key: Chance, phase: ti.i32):
     """Return a course [rad] and a speed [m/s] of a phase that keeps them, and a word for when it changes them."""
-    at = plan.phase_laws_at + phase * PHASE_LAW
+    at = phase * PHASE_LAW
     w, v = drawn(key, 0), drawn(key, 1)
     course = spreads.triangle(law(plan.laws, at), noise.uniform(w[0]), noise.uniform(w[1]))
     speed = spreads.triangle(law(plan.laws, at + 4), noise.uniform(v[0]), noise.uniform(v[1]))
@@ -164,7 +166,7 @@ def law(table: ti.template(), first: ti.i32) -> f32x4:
 @ti.func
 def speed_of(plan: ti.template(), phase: ti.i32, words: ti.types.vector(4, ti.u32)) -> ti.f32:
     """Return the speed [m/s] that is settled for a phase; words: those of number 0."""
-    speeds = law(plan.laws, plan.phase_laws_at + phase * PHASE_LAW + 4)
+    speeds = law(plan.laws, phase * PHASE_LAW + 4)
     return spreads.triangle(speeds, noise.uniform(words[0]), noise.uniform(words[1]))
 
 
@@ -178,15 +180,15 @@ def own_speed(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.f32:
 def own_start(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.i32:
     """Return when [s] the itinerary of a phase starts: the time that offsets of its way points count from."""
     w = settled(key, phase, 1)
-    starts = law(plan.laws, plan.phase_laws_at + phase * PHASE_LAW + 8)
+    starts = law(plan.laws, phase * PHASE_LAW + 8)
     after = spreads.triangle(starts, noise.uniform(w[0]), noise.uniform(w[1]))
-    return plan.numbers[plan.phases_at + phase * PHASE + 8] + ti.cast(ti.round(after), ti.i32)
+    return plan.numbers[phase * PHASE + 8] + ti.cast(ti.round(after), ti.i32)
 
 
 @ti.func
 def own_k(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.f32:
     """Return the K [m/sqrt(s)] of a phase's bridges."""
-    at = plan.phase_laws_at + phase * PHASE_LAW + 14
+    at = phase * PHASE_LAW + 14
     k, spread = plan.laws[at], plan.laws[at + 1]
     if spread > 0.0:
         w = settled(key, phase, 1)
@@ -198,7 +200,7 @@ def own_k(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.f32:
 def destination_of(plan: ti.template(), phase: ti.i32, words: ti.types.vector(4, ti.u32)) -> ti.i32:
     """Return the number of a phase's destination, from 0; words: those of number 0."""
     u = noise.uniform(words[3])
-    row = plan.phases_at + phase * PHASE
+    row = phase * PHASE
     first, many = plan.numbers[row + 1] + plan.numbers[row + 2], plan.numbers[row + 3]
     at = plan.point_laws_at + first * POINT_LAW + 13
     chosen = 0
@@ -215,7 +217,7 @@ def own_destination(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.i32:
 
 @ti.func
 def _in_ring(plan: ti.template(), lon: ti.i32, lat: ti.i32, west: ti.i32, first: ti.i32, many: ti.i32):
-    return inside_ring(lon, lat, west, plan.numbers, first, many)
+    return inside_ring(lon, lat, west, plan.numbers, plan.vertices_at + first, many)
 
 
 @ti.func
@@ -288,7 +290,7 @@ def set_at(target: Target, time: ti.i32):
 @ti.func
 def on_course(plan: ti.template(), phase: ti.i32) -> ti.i32:
     """Return whether a phase keeps a course from one event to the next: a rhumb line."""
-    kind = plan.numbers[plan.phases_at + phase * PHASE]
+    kind = plan.numbers[phase * PHASE]
     return kind == COURSE or kind == ACTS
 
 
@@ -304,7 +306,7 @@ def aim(coastal: ti.i32, plan: ti.template(), key: Chance, story: ti.i32, target
             t.over = 1
             t.to_lon, t.to_lat, t.to_time = t.lon, t.lat, NEVER
         else:
-            row = plan.phases_at + t.phase * PHASE
+            row = t.phase * PHASE
             kind = plan.numbers[row]
             if t.leg == 0 and kind != WAY:
                 lasting, until = plan.numbers[row + 7], plan.numbers[row + 6]
@@ -353,9 +355,9 @@ def _way_point(
     t = target
     before = f32x2(0.0)
     if t.leg > 0:
-        n = plan.points_at + (plan.numbers[plan.phases_at + t.phase * PHASE + 1] + t.leg - 1) * POINT
+        n = plan.points_at + (plan.numbers[t.phase * PHASE + 1] + t.leg - 1) * POINT
         before = sphere.offset(plan.numbers[n + 1], plan.numbers[n + 2], t.lon, t.lat)
-    at = plan.phase_laws_at + t.phase * PHASE_LAW
+    at = t.phase * PHASE_LAW
     slowest, fastest = plan.laws[at + 16], plan.laws[at + 17]
     by_speed = plan.numbers[plan.points_at + point * POINT + 9] == BY_SPEED
     start = own_start(plan, key, t.phase)
@@ -390,7 +392,7 @@ def _way_point(
 def _course(plan: ti.template(), key: Chance, target: Target):
     """Return a target with a course and a speed, and when it changes them."""
     t = target
-    rate = plan.laws[plan.phase_laws_at + t.phase * PHASE_LAW + 12]
+    rate = plan.laws[t.phase * PHASE_LAW + 12]
     own = key
     if t.leg == 0:
         own = first(key, t.phase)
@@ -413,7 +415,7 @@ def _act(plan: ti.template(), key: Chance, target: Target):
     Naval Postgraduate School, hdl.handle.net/10945/3648, figure 50). kernels.follower does the same for a tracker's clouds.
     """
     t = target
-    row = plan.behaviours_at + plan.numbers[plan.phases_at + t.phase * PHASE + 8] * BEHAVIOUR
+    row = plan.behaviours_at + plan.numbers[t.phase * PHASE + 8] * BEHAVIOUR
     w = drawn(key, 0)
     if t.leg == 0:
         own = first(key, t.phase)
@@ -446,7 +448,7 @@ def _act(plan: ti.template(), key: Chance, target: Target):
 @ti.func
 def _reaction(plan: ti.template(), t: Target, row: ti.i32, uniform: ti.f32) -> ti.f32:
     """Return the course [rad] of a target that seeks or hides, as it sees its tracker now."""
-    tracker = plan.phases_at + t.phase * PHASE + 4
+    tracker = t.phase * PHASE + 4
     x, y, pace = tracker_at(plan, plan.numbers[tracker], plan.numbers[tracker + 1], t.time)
     dlon, dlat = set_at(t, t.time)
     sight = sphere.offset(t.lon + dlon, t.lat + dlat, x, y)
@@ -505,14 +507,15 @@ def _loiter(plan: ti.template(), key: Chance, target: Target):
     A target that comes from outside goes in first, to any place in the polygon: the way point of the number returned.
     """
     t = target
-    row, first = plan.phases_at + t.phase * PHASE, plan.phase_laws_at + t.phase * PHASE_LAW
+    row, first = t.phase * PHASE, t.phase * PHASE_LAW
     vertex, many = plan.numbers[row + 4], plan.numbers[row + 5]
     w = drawn(key, 0)
     if t.leg < 2:
         t.course = 6.283185307179586 * noise.uniform(w[0])
     else:
         a, b = vertex + t.leg - 2, vertex + ti.select(t.leg - 1 < many, t.leg - 1, 0)
-        edge = sphere.offset(plan.numbers[2 * a], plan.numbers[2 * a + 1], plan.numbers[2 * b], plan.numbers[2 * b + 1])
+        a, b = 2 * (plan.vertices_at + a), 2 * (plan.vertices_at + b)
+        edge = sphere.offset(plan.numbers[a], plan.numbers[a + 1], plan.numbers[b], plan.numbers[b + 1])
         t.course = 2.0 * angles.atan2(edge[0], edge[1]) - t.course
     length = spreads.waiting(plan.laws[first + 13], noise.uniform(w[1]))
     length = ti.min(length, t.speed * ti.cast(t.phase_end - t.time, ti.f32))
@@ -548,7 +551,8 @@ def _loiter(plan: ti.template(), key: Chance, target: Target):
 @ti.func
 def _gnomonic(plan: ti.template(), lon: ti.i32, lat: ti.i32, vertex: ti.i32) -> f32x2:
     """Return a vertex (east, north) in the gnomonic plane of a position, in radii of the Earth."""
-    way = sphere.offset(lon, lat, plan.numbers[2 * vertex], plan.numbers[2 * vertex + 1])
+    at = 2 * (plan.vertices_at + vertex)
+    way = sphere.offset(lon, lat, plan.numbers[at], plan.numbers[at + 1])
     far = ti.sqrt(way[0] * way[0] + way[1] * way[1])
     scale = ti.f32(1.0 / sphere.RADIUS)
     if far > 1.0:

@@ -28,7 +28,7 @@ Settled = ti.types.argpack(
 def own_arrival(plan: ti.template(), key: Chance, phase: ti.i32, departure: ti.i32) -> ti.i32:
     """Return when [s] a target reaches the last way point of a phase whose way points have no times of their own."""
     speed, time = itinerary.own_speed(plan, key, phase), departure
-    row = plan.phases_at + phase * PHASE
+    row = phase * PHASE
     for k in range(1, plan.numbers[row + 2]):
         length = plan.laws[plan.point_laws_at + (plan.numbers[row + 1] + k) * POINT_LAW + 3]
         time += ti.max(ti.cast(ti.round(length / speed), ti.i32), 1)

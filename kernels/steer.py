@@ -113,7 +113,7 @@ def under_way(columns: ti.template(), i: ti.i32, end: ti.i32):
 def wanders(plan: ti.template(), key: Chance, target: Target) -> ti.f32:
     """Return K [m/sqrt(s)] of the way on which a target is; 0: it keeps to its line."""
     k = 0.0
-    if plan.numbers[plan.phases_at + target.phase * PHASE] == itinerary.WAY:
+    if plan.numbers[target.phase * PHASE] == itinerary.WAY:
         k = own_k(plan, key, target.phase)
     return k
 
@@ -405,8 +405,8 @@ def _born(
         story = plan.stories_at + which * STORY
         first_phase = plan.numbers[story]
         t = Target(lon=columns.lon[i], lat=columns.lat[i], time=columns.release[i], phase=first_phase, leg=0)
-        if plan.numbers[plan.phases_at + first_phase * PHASE] == itinerary.WAY:
-            point = plan.numbers[plan.phases_at + first_phase * PHASE + 1]
+        if plan.numbers[first_phase * PHASE] == itinerary.WAY:
+            point = plan.numbers[first_phase * PHASE + 1]
             found, tried = 0, 0
             while found == 0 and tried < MOST_TRIES:
                 w = noise.words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, tried)
@@ -454,7 +454,7 @@ def _distress(plan: ti.template(), key: Chance, scenario: ti.i32, departure: ti.
         w = itinerary.settled(key, phase, 4)
         share = spreads.triangle(itinerary.law(plan.laws, law), noise.uniform(w[0]), noise.uniform(w[1]))
         length = 0.0
-        row = plan.phases_at + phase * PHASE
+        row = phase * PHASE
         for k in range(1, plan.numbers[row + 2]):
             length += plan.laws[plan.point_laws_at + (plan.numbers[row + 1] + k) * POINT_LAW + 3]
         time = departure + ti.cast(ti.round(share * length / own_speed(plan, key, phase)), ti.i32)
