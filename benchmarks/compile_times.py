@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
@@ -37,18 +38,15 @@ from kernels import (
     allocate,
     bridge,
     observe,
-    observe_targets,
     pieces,
     rectangles,
     runtime,
     steer,
     sweep,
-    sweep_targets,
     sweeps,
 )
 from kernels import coast as device_coast
 from kernels import prior as draws
-from kernels.curve import Straight
 from kernels.sample import Ranges, Tiles
 
 BOX = Box(-1.5, -1.5, 1.5, 1.5)
@@ -112,16 +110,21 @@ def objects() -> Callable[[], object]:
     return lambda: draws.draw_objects(*args, 10.0, 60.0, device.pack)
 
 
-def watch(kind: int) -> Callable[[], object]:
-    """Return a job that exposes particles to a sensor's track."""
-    own, exposure = ensemble(), runtime.empty(N)
-    time_, place = np.array([0, 300, 600], np.float32), np.zeros(6, np.int32)
-    trig, course, searching = np.ones(6, np.float32), np.ones(8, np.float32), np.ones(2, np.int32)
-    track = sweep.Track(time_, place, trig, course, searching, searching)
+def exposed(kind: int, steers: bool) -> Callable[[], object]:
+    """Return a job that exposes what drifts, or what steers, to a sensor's track."""
+    own, exposure, passed = ensemble(), runtime.empty(N), runtime.empty(N)
+    time_, place, ones = np.array([0, 300, 600], np.float32), np.zeros(6, np.int32), np.ones(8, np.float32)
+    track = sweep.Track(time_, place, ones[:6], ones, np.ones(2, np.int32), np.ones(2, np.int32))
     table = np.array([0, 1, 100, 0.5, 100, 100, 0, 100], np.float32)
-    whole = Straight((own.lon, own.lat), (own.lon, own.lat), 0, 600)
-    args = (own, own.batch([0]), whole, kind, track, table, np.ones(1, np.float32), exposure)
+    args = own, paths(own, steers), kind, track, table, np.ones(1, np.float32), exposure, True, np.ones(1), passed
     return lambda: sweep.expose(*args)
+
+
+def paths(own: Any, steers: bool) -> Any:
+    """Return paths in a step of what drifts, or of what steers."""
+    if steers:
+        return pieces.steered(own.batch([0]), pieces.Room(N).pack, kernel.Step(0, 0, 600, 1))
+    return pieces.straight(own, own.batch([0]), (own.lon, own.lat), (own.lon, own.lat), 0, 600)
 
 
 def fail() -> Callable[[], object]:
@@ -171,41 +174,13 @@ def steered(name: str) -> Callable[[], object]:
     return jobs[name]
 
 
-def seen(kind: int) -> Callable[[], object]:
-    """Return a job that exposes targets that steer to a sensor's track."""
-    own, room, exposure, passed = ensemble(), pieces.Room(N), runtime.empty(N), runtime.empty(N)
-    time_, place, ones = np.array([0, 300, 600], np.float32), np.zeros(6, np.int32), np.ones(8, np.float32)
-    track = sweep.Track(time_, place, ones[:6], ones, np.ones(2, np.int32), np.ones(2, np.int32))
-    table, step = np.array([0, 1, 100, 0.5, 100, 100, 0, 100], np.float32), kernel.Step(0, 0, 600, 1)
-    args = (
-        room.pack,
-        own.batch([0]),
-        own.scenario,
-        1,
-        step,
-        kind,
-        track,
-        table,
-        np.ones(1),
-        np.ones(1),
-        exposure,
-        passed,
-        (own.status, own.status_since),
-        True,
-    )
-    return lambda: sweep_targets.expose(*args)
-
-
 def observed(kind: int, besides: int, steering: bool) -> Callable[[], object]:
     """Return a job that asks a sensor that stands still of what drifts, or of what steers."""
-    own, room, stayed, told = ensemble(), pieces.Room(N), runtime.empty(N), runtime.empty(N)
+    own, stayed, told = ensemble(), runtime.empty(N), runtime.empty(N)
     shape = observe.Shape(kind, 0, 0, 1.0, 0.0, 9.0, 9.0, (0, 0, 9, 9), np.array([0, 0, 9, 9], np.float32))
     places, window = (own.lon, own.lat), observe.Window(0, 0, 0, 600)
-    rest = shape, besides, (0.0, 1.0), stayed, told
-    if steering:
-        one = room.pack, own.batch([0]), own.scenario, 1, places, places
-        return lambda: observe_targets.steering(*one, window, *rest)
-    return lambda: observe.drifting(own, own.batch([0]), places, places, window, 0.0, *rest)
+    args = own, paths(own, steering), places, places, window, 0.0, shape, besides, (0.0, 1.0), stayed, told
+    return lambda: observe.observe_along(*args)
 
 
 def crossing(name: str) -> Callable[[], object]:
@@ -238,18 +213,18 @@ VARIANTS: dict[str, Callable[[], Callable[[], object]]] = {
     "prior, position": lambda: drawn("draw_position", 0, 0, 9.0, 5.0, 0.0, 0.0, 9.0, 0.0, 1.0),
     "prior, trackline": trackline,
     "prior, objects of worlds": objects,
-    "sweep, inverse cube": lambda: watch(sweep.CUBE),
-    "sweep, abeam": lambda: watch(sweep.ABEAM),
-    "sweep, zones": lambda: watch(sweep.ZONES),
-    "sweep, inside": lambda: watch(sweep.INSIDE),
+    "sweep, inverse cube": lambda: exposed(sweep.CUBE, False),
+    "sweep, abeam": lambda: exposed(sweep.ABEAM, False),
+    "sweep, zones": lambda: exposed(sweep.ZONES, False),
+    "sweep, inside": lambda: exposed(sweep.INSIDE, False),
     "sweep, fail": fail,
     "steer, born": lambda: steered("born"),
     "steer, a step": lambda: steered("mover"),
     "steer, inside a step": lambda: steered("inside"),
-    "targets, inverse cube": lambda: seen(sweep.CUBE),
-    "targets, abeam": lambda: seen(sweep.ABEAM),
-    "targets, zones": lambda: seen(sweep.ZONES),
-    "targets, inside": lambda: seen(sweep.INSIDE),
+    "targets, inverse cube": lambda: exposed(sweep.CUBE, True),
+    "targets, abeam": lambda: exposed(sweep.ABEAM, True),
+    "targets, zones": lambda: exposed(sweep.ZONES, True),
+    "targets, inside": lambda: exposed(sweep.INSIDE, True),
     "targets, line": lambda: observed(observe.LINE, observe.WHETHER, True),
     "targets, line, when": lambda: observed(observe.LINE, observe.WHEN, True),
     "targets, stays in a disc": lambda: observed(observe.IN_DISC, observe.WHETHER, True),

@@ -17,8 +17,7 @@ from drift.particles import ensemble as record
 from drift.search import laws, patterns, sensor_path
 from drift.search.records import Law
 from geo import sphere
-from kernels import runtime, sweep
-from kernels.curve import Straight
+from kernels import pieces, runtime, sweep
 
 NMI = 1852.0
 HOUR = 3600
@@ -55,14 +54,15 @@ def main() -> None:
         "M-beta": (sweep.ABEAM, track, curve, np.array([1 / NMI]), legs),
         "area": (sweep.INSIDE, place, ring, np.ones(1), 1),
     }
-    whole = Straight(tuple(before), (ensemble.lon, ensemble.lat), 0, span)
+    after = ensemble.lon, ensemble.lat
+    paths = pieces.straight(ensemble, ensemble.batch([0]), tuple(before), after, 0, span)
     table = Table("exposure", "legs", "pieces", "ms", "ns per particle and leg", title=f"{n:,} particles")
     for name, (kind, way, numbers, scale, count) in jobs.items():
         best = np.inf
         for _ in range(TIMES):
             runtime.wait()
             begin = time.perf_counter()
-            sweep.expose(ensemble, ensemble.batch([0]), whole, kind, way, numbers, scale, exposure)
+            sweep.expose(ensemble, paths, kind, way, numbers, scale, exposure)
             runtime.wait()
             best = min(best, time.perf_counter() - begin)
         table.add_row(name, str(count), str(len(way.time) - 1), f"{1e3 * best:.0f}", f"{1e9 * best / n / count:.2f}")

@@ -28,9 +28,11 @@ advance  one step of all particles, composed of these
 bridge   where particles are inside a step
 itinerary, ways, steer  targets that steer: their way points, the ways between these, one step of all of them
 felt     how fast the current sets targets off that do not make it good
-pieces   the pieces of way that they make in a step, for every sensor that asks
+pieces   the pieces of particles' paths in a step, of what drifts and of what steers, for every sensor that asks
 settled  what is settled at the birth of a target that steers, and stands in no column
 sweep    what a sensor's track does to each particle: exposure, and the weights that it leaves
+listen, glimpse  what a passive sonar hears, and a table of POD sees, on a straight stretch
+watch    what such a sensor makes of each particle's path
 touch    whether a Brownian bridge touches a line, stays in a box or a disc
 observe  what a line or a field tells of a piece of way, straight or a bridge
 probe    values by which one processor's arithmetic is told from another's

@@ -13,7 +13,7 @@ A `bend` is (d0 lon, d0 lat, d1 lon, d1 lat) [binary angle units]. Where the dom
 and a bend is (d0 east, d0 north, d1 east, d1 north) [m], carried to the meridian of 0: see kernels.sphere.meridian.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -26,16 +26,6 @@ CHORD = 5.0  # [m] a way that departs from its chord by less counts as straight
 
 f32x2 = ti.types.vector(2, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
-
-
-class Straight(NamedTuple):
-    """A part of the step just made in which drifting particles go straight, with their positions at both ends."""
-
-    before: tuple[Any, Any]  # lon, lat [binary angle], int32 on the device, (n,) each
-    after: tuple[Any, Any]
-    elapsed: int  # [s] from the run's start to its begin
-    duration: int  # [s]
-    polar: bool = False  # whether the domain holds a pole
 
 
 def edges(elapsed: int, duration: int, pieces: int) -> list[int]:

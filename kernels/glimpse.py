@@ -10,11 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels import angles, batch, life, listen
-from kernels.batch import Batch
-from kernels.coast import Ints, Reals
-from kernels.curve import Straight
-from kernels.listen import Ear, HostReals, Stretch, f32x2
+from kernels import angles, listen
+from kernels.listen import Ear, Stretch, f32x2
 
 HEARD, ROUND, PLACES = range(3)  # a sonar (kernels.listen); POD by bearing and range; POD by place
 LEAST = 1e-12  # smallest chance of a miss that has a hazard
@@ -110,62 +107,6 @@ def hazard(kind: ti.template(), ear: Ear, pods: ti.template(), a: f32x2, b: f32x
     return total
 
 
-@ti.kernel
-def _drifting(
-    kind: ti.template(),
-    listed: ti.template(),
-    first: ti.i32,
-    last: ti.i32,
-    slots: Ints,
-    before_lon: Ints,
-    before_lat: Ints,
-    lon: Ints,
-    lat: Ints,
-    status: Ints,
-    release: Ints,
-    status_since: Ints,
-    moving_since: Ints,
-    elapsed: ti.i32,
-    duration: ti.i32,
-    ear: Ear,
-    pods: HostReals,
-    shore: ti.i32,
-    log_missed: Reals,
-):
-    for nth in range(first, last):
-        i = batch.slot(listed, slots, nth)
-        if status[i] < life.PENDING:  # what is under way is seen by kernels.listen_targets
-            times = life.behind(status[i], release[i], status_since[i], moving_since[i], elapsed, duration)
-            seen, leaves = ti.cast(times[0] - elapsed, ti.f32), ti.cast(times[1] - elapsed, ti.f32)
-            moored, gone = ti.cast(times[2] - elapsed, ti.f32), ti.cast(times[3] - elapsed, ti.f32)
-            if shore == 0:
-                seen, gone = leaves, moored
-            x, y = before_lon[i], before_lat[i]
-            dx, dy = ti.cast(lon[i] - x, ti.f32), ti.cast(lat[i] - y, ti.f32)
-            pace = 1.0 / ti.max(moored - leaves, 1.0)
-            begin, stop, total = ti.max(ear.begin, seen), ti.min(ear.end, gone), 0.0
-            while begin < stop:
-                end = stop  # it goes straight only while it moves
-                if begin < leaves and leaves < end:
-                    end = leaves
-                elif begin < moored and moored < end:
-                    end = moored
-                a, b = f32x2(0.0), f32x2(0.0)
-                for side in range(2):
-                    when = begin if side == 0 else end
-                    share = ti.min(ti.max((when - leaves) * pace, 0.0), 1.0)
-                    at_x = x + ti.cast(ti.round(dx * share), ti.i32)
-                    at_y = y + ti.cast(ti.round(dy * share), ti.i32)
-                    found = where(kind, ear, when, at_x, at_y)
-                    if side == 0:
-                        a = found
-                    else:
-                        b = found
-                total += hazard(kind, ear, pods, a, onward(kind, ear, a, b), end - begin)
-                begin = end
-            log_missed[i] -= total
-
-
 class Pods(NamedTuple):
     """A table of POD at a time, on the host."""
 
@@ -188,26 +129,4 @@ def ear(stretch: Stretch, pods: Pods) -> Any:
         lon=place[0], lat=place[1], to_lon=to[0], to_lat=to[1], begin=stretch.begin, end=stretch.end, rays=rays,
         rings=rings, nearest=pods.nearest, between=pods.between, dense=1.0 / pods.between, paces=1, spread=1.0, unit=1.0, rate=pods.rate,
         turns=1, reach=0.0, moves=0.0, cell_lon=pods.cell[0], cell_lat=pods.cell[1],
-    )  # fmt: skip
-
-
-def drifting(
-    ensemble: Any,
-    own: Batch,
-    way: Straight,
-    stretch: Stretch,
-    pods: Pods,
-    shore: bool,
-    log_missed: Any,
-) -> None:
-    """Add to the logs of misses what a sensor does to what drifts, of the slots of a batch, on a stretch of the step just made.
-
-    ensemble: a drift.particles.ensemble.Ensemble; way: its way on a straight part of that step. log_missed:
-    device (n,). shore: whether what lies ashore is seen.
-    """
-    e = ensemble
-    _drifting(
-        pods.kind, own.listed, own.first, own.last, own.slots, *way.before, *way.after, e.status, e.release,
-        e.status_since, e.moving_since, way.elapsed, way.duration, ear(stretch, pods),
-        np.ascontiguousarray(pods.table, np.float32).reshape(-1), int(shore), log_missed,
     )  # fmt: skip

@@ -11,10 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels import batch, jumps, life, sphere
-from kernels.batch import Batch
-from kernels.coast import Ints, Reals
-from kernels.curve import Straight
+from kernels import jumps, sphere
 from kernels.jumps import STAIRS, Silence
 
 STEEP = 2.0  # [dB] by which losses, and gains, may change within a part
@@ -274,75 +271,6 @@ def out_of_reach(ear: Ear, lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.
     return ti.cast(sphere.haversine(ear.lon, ear.lat, lon, lat) > reach * reach, ti.i32)
 
 
-@ti.kernel
-def _drifting(
-    listed: ti.template(),
-    first: ti.i32,
-    last: ti.i32,
-    slots: Ints,
-    scenario: Ints,
-    before_lon: Ints,
-    before_lat: Ints,
-    lon: Ints,
-    lat: Ints,
-    status: Ints,
-    release: Ints,
-    status_since: Ints,
-    moving_since: Ints,
-    elapsed: ti.i32,
-    duration: ti.i32,
-    ear: Ear,
-    losses: HostReals,
-    around: HostReals,
-    levels: HostReals,
-    paces: HostReals,
-    offsets: HostReals,
-    limits: HostReals,
-    log_missed: Reals,
-    edges: Reals,
-    held: Reals,
-):
-    many = offsets.shape[0]
-    size = log_missed.shape[0] // many
-    for nth in range(first * many, last * many):
-        i, f = batch.slot(listed, slots, nth // many), nth % many
-        if status[i] <= life.PENDING:  # what is under way is heard by kernels.listen_targets
-            row = f * size + i
-            silence = taken(row, size * many, edges, held)
-            quiet = ear.end - ear.begin
-            if status[i] < life.PENDING:
-                # Before its release it was under way.
-                begun = ti.min(ti.max(ear.begin, ti.cast(release[i] - elapsed, ti.f32)), ear.end)
-                quiet = ear.end - begun
-                x, y = before_lon[i], before_lat[i]
-                if out_of_reach(ear, x, y, lon[i], lat[i], 0.0) == 0:
-                    times = life.behind(status[i], release[i], status_since[i], moving_since[i], elapsed, duration)
-                    left, gone = ti.cast(times[1] - elapsed, ti.f32), ti.cast(times[2] - elapsed, ti.f32)
-                    begin, end = ti.max(ear.begin, left), ti.min(ear.end, gone)
-                    if begin < end:
-                        quiet = begin - begun
-                        dx, dy = ti.cast(lon[i] - x, ti.f32), ti.cast(lat[i] - y, ti.f32)
-                        pace = 1.0 / ti.max(gone - left, 1.0)
-                        a, b = f32x2(0.0), f32x2(0.0)
-                        for side in range(2):
-                            when = begin if side == 0 else end
-                            share = (when - left) * pace
-                            at_x = x + ti.cast(ti.round(dx * share), ti.i32)
-                            at_y = y + ti.cast(ti.round(dy * share), ti.i32)
-                            found = to(ear, when, at_x, at_y)
-                            if side == 0:
-                                a = found
-                            else:
-                                b = found
-                        c = sphere.cos_lat(y)
-                        speed = ti.sqrt(dx * dx * c * c + dy * dy) * ti.f32(sphere.RADIUS * sphere.UNIT) * pace
-                        source = level(levels, paces, scenario[i], speed) + offsets[f]
-                        hear(silence, quiet, ear, losses, around, limits, a, b, end - begin, source)
-                        quiet += ear.end - end
-            jumps.settle(silence, ear.rate, quiet)
-            put(silence, row, size * many, log_missed, edges, held)
-
-
 class Tables(NamedTuple):
     """The tables of a sonar on a stretch of its way, on the host; see `excess` and `level`. All float32."""
 
@@ -457,22 +385,3 @@ def laid(stretch: Stretch, tables: Tables, offsets: np.ndarray) -> Laid:
     losses = np.concatenate([tables.losses, tables.losses[:1]])
     every = losses, around, tables.levels, tables.paces, offsets, own[: 2 * rings]
     return Laid(ear, tuple(np.ascontiguousarray(x, np.float32).reshape(-1) for x in every))
-
-
-def drifting(
-    ensemble: Any,
-    own: Batch,
-    way: Straight,
-    sonar: Laid,
-    kept: tuple[Any, Any, Any],
-) -> None:
-    """Have a sonar listen for what drifts, of the slots of a batch, on a stretch of the step just made.
-
-    ensemble: a drift.particles.ensemble.Ensemble; way: its way on a straight part of that step.
-    kept: the sonar's columns on the device, see `columns`. What lies ashore is not heard.
-    """
-    e = ensemble
-    _drifting(
-        own.listed, own.first, own.last, own.slots, e.scenario, *way.before, *way.after, e.status, e.release,
-        e.status_since, e.moving_since, way.elapsed, way.duration, sonar.ear, *sonar.tables, *kept,
-    )  # fmt: skip

@@ -1,7 +1,7 @@
 """What a sensor that stands still tells of a target's way: a line that is manned, a field in which it is or is not.
 
-All is said of one *piece* of way, straight or a Brownian bridge between two places (`Piece`): what drifts makes one piece
-a step, what steers makes several. `observe` takes a piece and returns the probability that things stay as they are on
+All is said of one *piece* of way, straight or a Brownian bridge between two places (kernels.pieces): what drifts makes one
+piece a step, what steers makes several, which are cut to the window in which the sensor looks on. `observe` takes a piece and returns the probability that things stay as they are on
 it: that the line or the field is not touched, or that the target stays in the field. Pieces are independent of each
 other given their ends, so that the probabilities of all pieces multiply, whatever the step.
 
@@ -15,13 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels import angles, batch, life, noise, shore, sphere, touch
-from kernels.batch import Batch
+from kernels import angles, batch, life, noise, pieces, rows, shore, sphere, touch
 from kernels.coast import Ints, Reals
 from kernels.itinerary import Chance
+from kernels.pieces import NONE, Paths, Pieces, Straights
 
 DEPTH = 14  # times that a piece is cut in two: to parts of K sqrt(dt) / 128
 NODES = 1 << (DEPTH + 1)  # numbers of words for each piece of way
+CUTS = 64  # windows of a step that have random numbers of their own
 PARTS = 4.0  # parts of an error of time [1] in which the time of a touch is told
 BULGE = 0.05  # share of a piece's length by which its great circle leaves its box in longitude and latitude, at most
 METRES = sphere.RADIUS * sphere.UNIT
@@ -36,19 +37,6 @@ f32x2 = ti.types.vector(2, ti.f32)
 f32x3 = ti.types.vector(3, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
 Ends = ti.types.vector(DEPTH + 1, ti.f32)
-
-
-@ti.dataclass
-class Piece:
-    """A piece of way; times are seconds from any one time, that of the sensor's report too."""
-
-    lon: ti.i32  # binary angles
-    lat: ti.i32
-    to_lon: ti.i32
-    to_lat: ti.i32
-    begin: ti.f32  # [s]
-    end: ti.f32
-    k: ti.f32  # K of the bridge [m/sqrt(s)]; 0: it goes straight
 
 
 Sensor = ti.types.struct(
@@ -191,7 +179,7 @@ def observe(
 ) -> f32x3:
     """Return (stays, fits, when) of one piece of way.
 
-    kind: what is asked, LINE to IN_DISC; besides: WHETHER, REPORT or WHEN. piece: a `Piece`; sensor: a `Sensor`;
+    kind: what is asked, LINE to IN_DISC; besides: WHETHER, REPORT or WHEN. piece: a kernels.pieces.Piece; sensor: a `Sensor`;
     corners: of a line or box in its plane, (x, y, x, y, ...) [m]. key: of chance, with seed0, seed1, slot, step, and
     count, the number of the piece in the step: a kernels.itinerary.Chance.
 
@@ -275,60 +263,85 @@ def _first(known: f32x4, variance: ti.f32, normal: ti.f32, uniform: ti.f32) -> t
     return shore.landing(before / ti.max(before + after, 1e-30), before, variance, normal, uniform)
 
 
-@ti.kernel
-def _drifting(
-    kind: ti.template(),
-    besides: ti.template(),
-    listed: ti.template(),
-    first: ti.i32,
-    last: ti.i32,
-    slots: Ints,
-    shift: Ints,
-    scenario: Ints,
-    before_lon: Ints,
-    before_lat: Ints,
-    lon: Ints,
-    lat: Ints,
-    status: Ints,
-    release: Ints,
-    status_since: Ints,
-    moving_since: Ints,
-    there_since: Ints,
-    since: ti.i32,
-    lasting: ti.i32,
-    k: ti.f32,
-    sensor: Sensor,
-    corners: HostReals,
-    seed0: ti.u32,
-    seed1: ti.u32,
-    step: ti.i32,
-    count: ti.i32,
-    stayed: Reals,
-    told: Reals,
-):
-    for nth in range(first, last):
-        i = batch.slot(listed, slots, nth)
-        stays, log_stayed = 1.0, stayed[i]
-        if ti.static(kind == IN_BOX or kind == IN_DISC):
-            if status[i] <= life.PENDING:  # else it is still under way: kernels.observe_targets
-                stays = 0.0
-        if status[i] < life.PENDING and log_stayed > -ti.math.inf:
-            times = life.behind(status[i], release[i], status_since[i], moving_since[i], since, lasting)
-            seen, left, finish, gone = times[0], times[1], times[2], times[3]
-            there = gone > seen
-            if ti.static(kind == IN_BOX or kind == IN_DISC):
-                there = there_since[i] <= since and gone >= since + lasting
-            if there:
-                begin, end = ti.cast(left - since, ti.f32), ti.cast(ti.max(finish, left) - since, ti.f32)
-                piece = Piece(before_lon[i], before_lat[i], lon[i], lat[i], begin, end, k)
-                slot = i + shift[scenario[i]]
-                key = Chance(seed0, seed1, slot, slot, step, count)
-                found = observe(kind, besides, piece, sensor, corners, key)
-                stays = found[0]
-                if ti.static(besides != WHETHER):
-                    told[i] = told_by(besides, log_stayed, told[i], found, ti.cast(since, ti.f32))
-        if stays < 1.0:
-            stayed[i] = log_stayed + ti.log(stays)
+def _observing(Ways: Any, steers: bool) -> Any:
+    """Return the kernel for paths of one kind: `Straights` of what drifts, or `Pieces` of what steers."""
+
+    @ti.kernel
+    def _observe(
+        kind: ti.template(),
+        besides: ti.template(),
+        listed: ti.template(),
+        first: ti.i32,
+        last: ti.i32,
+        slots: Ints,
+        shift: Ints,
+        scenario: Ints,
+        status: Ints,
+        status_since: Ints,
+        there_since: Ints,
+        there_at: ti.i32,
+        paths: Ways,
+        before_lon: Ints,
+        before_lat: Ints,
+        after_lon: Ints,
+        after_lat: Ints,
+        since: ti.i32,
+        lasting: ti.i32,
+        step: ti.i32,
+        count: ti.i32,
+        seed0: ti.u32,
+        seed1: ti.u32,
+        k: ti.f32,
+        sensor: Sensor,
+        corners: HostReals,
+        stayed: Reals,
+        told: Reals,
+    ):
+        for nth in range(first, last):
+            i = batch.slot(listed, slots, nth)
+            state, log_stayed, stays = status[i], stayed[i], 1.0
+            here = pieces.first_piece(steers, paths, i, state, since, 0)
+            if ti.static(not steers):
+                times = life.behind(state, paths.release[i], status_since[i], paths.moving_since[i], since, lasting)
+                there = times[3] > times[0]
+                if ti.static(kind == IN_BOX or kind == IN_DISC):
+                    there = there_since[there_at + i] <= since and times[3] >= since + lasting
+                if not there:
+                    here = NONE
+                if ti.static(kind == IN_BOX or kind == IN_DISC):
+                    if here == NONE and state <= life.PENDING:  # else it is still under way
+                        stays = 0.0
+            while here != NONE and stays > 0.0 and log_stayed > -ti.math.inf:
+                piece = pieces.load_piece(steers, paths, i, here, state, status_since[i], since, lasting, 1)
+                asked, number = True, count
+                if ti.static(steers):
+                    whole = ti.cast(lasting, ti.f32)
+                    asked, number = piece.end > 0.0 and piece.begin < whole, paths.piece_count[here] * CUTS + count
+                    if ti.static(kind == IN_BOX or kind == IN_DISC):
+                        if here == i and piece.begin > 0.0 and piece.begin < whole:  # it got under way later
+                            stays = 0.0
+                    if piece.begin < 0.0:
+                        piece.lon, piece.lat, piece.begin = before_lon[i], before_lat[i], 0.0
+                    if piece.end > whole:
+                        piece.to_lon, piece.to_lat, piece.end = after_lon[i], after_lat[i], whole
+                else:
+                    piece.k, piece.end = k, ti.max(piece.begin, piece.end)
+                if asked and stays > 0.0:
+                    slot = i + shift[scenario[i]]
+                    key = Chance(seed0, seed1, slot, slot, step, number)
+                    found = observe(kind, besides, piece, sensor, corners, key)
+                    if ti.static(besides != WHETHER):
+                        so_far = log_stayed + ti.log(stays)
+                        told[i] = told_by(besides, so_far, told[i], found, ti.cast(since, ti.f32))
+                    stays *= found[0]
+                here = pieces.next_piece(steers, paths, here, state, 0)
+            if stays < 1.0:
+                stayed[i] = log_stayed + ti.log(stays)
+
+    return _observe
+
+
+_drifting, _steering = _observing(Straights, False), _observing(Pieces, True)
 
 
 class Shape(NamedTuple):
@@ -354,9 +367,9 @@ class Window(NamedTuple):
     lasting: int  # [s]
 
 
-def drifting(
+def observe_along(
     ensemble: Any,
-    own: Batch,
+    paths: Paths,
     before: tuple[Any, Any],
     after: tuple[Any, Any],
     window: Window,
@@ -367,19 +380,27 @@ def drifting(
     stayed: Any,
     told: Any,
 ) -> None:
-    """Add what a sensor tells of the way of slots over a part of the step just made; each goes one piece in it.
+    """Add what a sensor tells of particles along their paths, over a part of the step just made.
 
-    ensemble: a drift.particles.ensemble.Ensemble; own: the slots. before, after: lon and lat at both ends of the part, on the device. k: K of their bridges
-    [m/sqrt(s)]. besides: WHETHER, REPORT or WHEN. report: its time [s after the run's start] and its error [s].
-    stayed: device (n,), the log of the probability that things have stayed as they were. told: device (n,), of REPORT
-    the sum of the fits [1/s], of WHEN the time of the first touch [s], -1 before it; it may be any column of WHETHER.
+    Args:
+        ensemble: a drift.particles.ensemble.Ensemble, after the step.
+        paths: of some of its particles: of what drifts over the part alone, of what steers over the whole step.
+        before: lon, lat [binary angle] at the begin of the part, on the device. Paths of what steers are cut there.
+        after: lon, lat at its end.
+        window: the part.
+        k: K of the bridges of what drifts [m/sqrt(s)].
+        shape: of the sensor.
+        besides: WHETHER, REPORT or WHEN.
+        report: its time [s after the run's start] and its error [s].
+        stayed: device (n,), the log of the probability that things have stayed as they were.
+        told: device (n,), of REPORT the sum of the fits [1/s], of WHEN the time of the first touch [s], -1 before it; any
+            column of WHETHER.
     """
-    e = ensemble
-    _drifting(
-        shape.kind, besides, own.listed, own.first, own.last, own.slots, own.shift, e.scenario, *before, *after, e.status,
-        e.release, e.status_since, e.moving_since, e.own.get("departure", e.release), window.since, window.lasting,
-        float(k), sensor(shape, window, report), shape.corners, *noise.key(e.seed), window.step, window.count, stayed,
-        told,
+    e, kernel = ensemble, _steering if paths.steers else _drifting
+    kernel(
+        shape.kind, besides, *paths.own.launched, e.scenario, e.status, e.status_since,
+        *rows.located(e.own.get("departure", e.release)), paths.pack, *before, *after, window.since, window.lasting, window.step,
+        window.count, *noise.key(e.seed), float(k), sensor(shape, window, report), shape.corners, stayed, told,
     )  # fmt: skip
 
 

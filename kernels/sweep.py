@@ -1,8 +1,13 @@
 """What a sensor's track has done to each particle: its exposure, and what that makes of weights.
 
 A stretch of a step is given by nodes: times [s after the stretch's begin] and places of the sensor, straight in between.
-The particle goes straight from where the stretch began to where it ended. All is worked out in the frame of the particle,
-in metres.
+A particle's path is pieces (kernels.pieces): what drifts goes straight from where the stretch began to where it ended.
+All is worked out in the frame of the particle, in metres.
+
+On a Brownian bridge a target has no finite length of track, so that a hazard per unit of relative track would grow
+without bound as steps shrink. The hazard is one per time instead, of the speed of the sensor against the mean velocity
+of the target's leg, at the place where the bridge has the target. Where that place matters, near the sensor or an edge,
+the piece is halved again and again, until the bridge strays by less than a quarter of the range.
 """
 
 from typing import Any, NamedTuple
@@ -10,13 +15,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels import batch, curve, life, sphere
-from kernels.batch import Batch
+from kernels import batch, curve, noise, pieces, sphere
 from kernels.coast import Ints, Reals
-from kernels.curve import Straight
+from kernels.pieces import DEPTH, MOVES, NONE, Paths, Piece, Pieces, Straights
 
 METRES = sphere.RADIUS * sphere.UNIT
 TINY = 1e-30
+STRAY = 0.25  # most that a bridge may stray within a part, in ranges
+FINE = 0.1  # the same in units of the sensor's own scale, however near it is
+UNKNOWN = np.zeros(1, np.float32)  # a scale that no kernel asks for
+NEARS, ADDS = range(2)  # what is asked of a part of a path: how near it comes, what it adds up to
 
 f32x2 = ti.types.vector(2, ti.f32)
 HostReals = ti.types.ndarray(dtype=ti.f32, ndim=1)
@@ -139,87 +147,6 @@ def chance(curve: ti.template(), x: ti.f32) -> ti.f32:
     return found
 
 
-@ti.kernel
-def _expose(
-    kind: ti.template(),
-    polar: ti.template(),
-    listed: ti.template(),
-    first: ti.i32,
-    last: ti.i32,
-    slots: Ints,
-    scenario: Ints,
-    before_lon: Ints,
-    before_lat: Ints,
-    lon: Ints,
-    lat: Ints,
-    status: Ints,
-    release: Ints,
-    status_since: Ints,
-    moving_since: Ints,
-    elapsed: ti.i32,
-    duration: ti.i32,
-    time: HostReals,
-    place: HostInts,
-    trig: HostReals,
-    course: HostReals,
-    searching: HostInts,
-    table: HostReals,
-    scale: HostReals,
-    stride: ti.i32,
-    scales: ti.i32,
-    exposure: Reals,
-    size: ti.i32,
-    shore: ti.i32,
-):
-    for nth in range(first, last):
-        i = batch.slot(listed, slots, nth)
-        own = scenario[i] * stride
-        looks = status[i] < life.PENDING
-        if ti.static(kind in (CUBE, ABEAM)):
-            looks = looks and scale[own] > 0.0
-        if looks:
-            times = life.behind(status[i], release[i], status_since[i], moving_since[i], elapsed, duration)
-            seen, leaves = ti.cast(times[0] - elapsed, ti.f32), ti.cast(times[1] - elapsed, ti.f32)
-            moored, gone = ti.cast(times[2] - elapsed, ti.f32), ti.cast(times[3] - elapsed, ti.f32)
-            if shore == 0:  # neither on the beach before it refloats nor once it has stranded
-                seen, gone = leaves, moored
-            pace = 1.0 / ti.max(moored - leaves, 1.0)
-            x, y, to_x, to_y = before_lon[i], before_lat[i], lon[i], lat[i]
-            total, pieces = 0.0, time.shape[0] - 1
-            if ti.max(seen, leaves) <= time[0] and ti.min(moored, gone) >= time[pieces]:  # it moves all the while
-                a = _at(polar, x, y, to_x, to_y, (time[0] - leaves) * pace, 0, place, trig)
-                far_a = ti.sqrt(a[0] * a[0] + a[1] * a[1])
-                for k in range(pieces):
-                    b = _at(polar, x, y, to_x, to_y, (time[k + 1] - leaves) * pace, k + 1, place, trig)
-                    far_b = ti.sqrt(b[0] * b[0] + b[1] * b[1])
-                    if searching[k] == 1:
-                        total += piece(
-                            kind, a, b, far_a, far_b, time[k + 1] - time[k], 4 * k, 4 * k + 2,
-                            course, table, scale, own, scales, exposure, size, i,
-                        )  # fmt: skip
-                    a, far_a = b, far_b  # each piece hands its end on to the next one
-            else:
-                for k in range(pieces):
-                    begin, stop = ti.max(time[k], seen), ti.min(time[k + 1], gone)
-                    while searching[k] == 1 and begin < stop:
-                        end = stop  # a particle goes straight only while it moves
-                        if begin < leaves and leaves < end:
-                            end = leaves
-                        elif begin < moored and moored < end:
-                            end = moored
-                        a = apart(polar, x, y, to_x, to_y, leaves, pace, begin, k, time, place, trig)
-                        b = apart(polar, x, y, to_x, to_y, leaves, pace, end, k, time, place, trig)
-                        far_a, far_b = ti.sqrt(a[0] * a[0] + a[1] * a[1]), ti.sqrt(b[0] * b[0] + b[1] * b[1])
-                        last_node = 4 * k + 2 * ti.cast(end == time[k + 1], ti.i32)
-                        total += piece(
-                            kind, a, b, far_a, far_b, end - begin, 4 * k, last_node,
-                            course, table, scale, own, scales, exposure, size, i,
-                        )  # fmt: skip
-                        begin = end
-            if ti.static(kind != ABEAM):
-                exposure[i] += total
-
-
 @ti.func
 def piece(
     kind: ti.template(),
@@ -332,6 +259,224 @@ def apart(
     return way
 
 
+@ti.func
+def _range(
+    kind: ti.template(), a: f32x2, b: f32x2, first: ti.i32, last: ti.i32, course: ti.template(), table: ti.template()
+) -> ti.f32:
+    """Return how far [m] the way from a to b stays from where it matters to a sensor.
+
+    That is the sensor itself; of a watch the edges of its zones; of an area its outline; of a sensor that counts passes
+    abeam the line abeam of it, if it is within range.
+    """
+    d = b - a
+    dd = ti.max(d[0] * d[0] + d[1] * d[1], 1e-12)
+    share = ti.min(ti.max(-(a[0] * d[0] + a[1] * d[1]) / dd, 0.0), 1.0)
+    at = a + share * d
+    near = ti.sqrt(at[0] * at[0] + at[1] * at[1])
+    if ti.static(kind == ZONES):
+        low, high = near, ti.max(a.norm(), b.norm())
+        found = ti.f32(1e30)
+        for z in range(table.shape[0]):
+            gap = ti.max(low - table[z], table[z] - high)
+            if table[z] > 0.0:
+                found = ti.min(found, ti.max(gap, 0.0))
+        near = found
+    elif ti.static(kind == INSIDE):
+        corners = table.shape[0] // 2
+        found = ti.f32(1e30)
+        middle = 0.5 * (a + b)
+        p = f32x2(table[2 * corners - 2], table[2 * corners - 1])
+        for k in range(corners):
+            q = f32x2(table[2 * k], table[2 * k + 1])
+            e = q - p
+            along = ti.min(ti.max((middle - p).dot(e) / ti.max(e.dot(e), 1e-12), 0.0), 1.0)
+            found = ti.min(found, (middle - p - along * e).norm())
+            p = q
+        near = ti.max(found - 0.5 * d.norm(), 0.0)
+    elif ti.static(kind == ABEAM):
+        along_a = -(a[0] * course[first] + a[1] * course[first + 1])
+        along_b = -(b[0] * course[last] + b[1] * course[last + 1])
+        beyond = near - table[table.shape[0] - 2]
+        near = ti.min(ti.abs(along_a), ti.abs(along_b))  # a pass out of range counts too: none after it does
+        if (along_a < 0.0) != (along_b < 0.0):
+            near = ti.max(beyond, 0.0)
+    return near
+
+
+@ti.func
+def _pass(
+    a: f32x2,
+    b: f32x2,
+    first: ti.i32,
+    last: ti.i32,
+    number: ti.f32,
+    course: ti.template(),
+    table: ti.template(),
+    scale: ti.template(),
+    own: ti.i32,
+    scales: ti.i32,
+    exposure: ti.template(),
+    passed: ti.template(),
+    size: ti.i32,
+    i: ti.i32,
+):
+    """Write the log of a miss where a part of a bridge from a to b comes abeam of a leg for the first time.
+
+    A bridge comes abeam without number; of each leg its first pass counts, at the range that it has then. number: of the
+    leg; the rest is as in `piece`.
+    """
+    along_a = a[0] * course[first] + a[1] * course[first + 1]
+    along_b = b[0] * course[last] + b[1] * course[last + 1]
+    if (along_a > 0.0) != (along_b > 0.0) and passed[i] != number:
+        passed[i] = number
+        at = a + along_a / (along_a - along_b) * (b - a)
+        for f in range(scales):
+            exposure[f * size + i] += ti.log(1.0 - chance(table, at.norm() * scale[own + f]))
+
+
+@ti.func
+def _all_along(
+    kind: ti.template(), polar: ti.template(), way: Piece, time: ti.template(), place: ti.template(),
+    trig: ti.template(), course: ti.template(), leg: ti.template(), table: ti.template(), scale: ti.template(),
+    own: ti.i32, scales: ti.i32, exposure: ti.template(), size: ti.i32, i: ti.i32,
+) -> ti.f32:  # fmt: skip
+    """Return what the whole track adds up to for a particle that goes straight all the while, a fifth faster."""
+    total, pace = 0.0, 1.0 / ti.max(way.end - way.begin, 1e-6)
+    x, y, to_x, to_y = way.lon, way.lat, way.to_lon, way.to_lat
+    a = _at(polar, x, y, to_x, to_y, (time[0] - way.begin) * pace, 0, place, trig)
+    far_a = ti.sqrt(a[0] * a[0] + a[1] * a[1])
+    for k in range(time.shape[0] - 1):
+        b = _at(polar, x, y, to_x, to_y, (time[k + 1] - way.begin) * pace, k + 1, place, trig)
+        far_b = ti.sqrt(b[0] * b[0] + b[1] * b[1])
+        if leg[k] > 0:
+            total += piece(
+                kind, a, b, far_a, far_b, time[k + 1] - time[k], 4 * k, 4 * k + 2, course, table, scale, own, scales,
+                exposure, size, i,
+            )  # fmt: skip
+        a, far_a = b, far_b  # each piece hands its end on to the next one
+    return total
+
+
+def _exposing(Ways: Any, steers: bool) -> Any:
+    """Return the kernel for paths of one kind: `Straights` of what drifts, or `Pieces` of what steers."""
+
+    @ti.kernel
+    def _expose(
+        kind: ti.template(),
+        polar: ti.template(),
+        listed: ti.template(),
+        first: ti.i32,
+        last: ti.i32,
+        slots: Ints,
+        shift: Ints,
+        scenario: Ints,
+        status: Ints,
+        status_since: Ints,
+        paths: Ways,
+        elapsed: ti.i32,
+        duration: ti.i32,
+        step: ti.i32,
+        seed0: ti.u32,
+        seed1: ti.u32,
+        time: HostReals,
+        place: HostInts,
+        trig: HostReals,
+        course: HostReals,
+        leg: HostInts,
+        table: HostReals,
+        scale: HostReals,
+        unit: HostReals,
+        stride: ti.i32,
+        scales: ti.i32,
+        exposure: Reals,
+        passed: Reals,
+        size: ti.i32,
+        shore: ti.i32,
+    ):
+        for nth in range(first, last):
+            i = batch.slot(listed, slots, nth)
+            which, state = scenario[i], status[i]
+            own = which * stride
+            here = pieces.first_piece(steers, paths, i, state, elapsed, shore)
+            if ti.static(kind in (CUBE, ABEAM)):
+                if scale[own] <= 0.0:
+                    here = NONE
+            total, nodes = 0.0, time.shape[0] - 1
+            if ti.static(not steers):
+                if here != NONE:
+                    way = pieces.load_piece(steers, paths, i, MOVES, state, status_since[i], elapsed, duration, shore)
+                    if way.begin <= time[0] and way.end >= time[nodes]:  # as most do
+                        total, here = _all_along(
+                            kind, polar, way, time, place, trig, course, leg, table, scale, own, scales, exposure,
+                            size, i,
+                        ), NONE  # fmt: skip
+            while here != NONE:
+                way = pieces.load_piece(steers, paths, i, here, state, status_since[i], elapsed, duration, shore)
+                part, later = pieces.whole_piece(way), pieces.no_later()
+                if ti.static(steers):
+                    if way.begin >= time[nodes] or way.end <= time[0]:
+                        part.depth = -1
+                while part.depth >= 0:
+                    x, y, to_x, to_y, begin, end = part.lon, part.lat, part.to_lon, part.to_lat, part.begin, part.end
+                    pace = 1.0 / ti.max(end - begin, 1e-6)
+                    halve, found = 0, 0.0
+                    stage = ADDS
+                    if ti.static(steers):
+                        stage = NEARS if way.k > 0.0 and part.depth < DEPTH else ADDS
+                    for asks in range(stage, ADDS + 1):
+                        for k in range(nodes):
+                            low, high = ti.max(time[k], begin), ti.min(time[k + 1], end)
+                            if leg[k] > 0 and low < high and halve == 0:
+                                a = apart(polar, x, y, to_x, to_y, begin, pace, low, k, time, place, trig)
+                                b = apart(polar, x, y, to_x, to_y, begin, pace, high, k, time, place, trig)
+                                node, to_node = 4 * k, 4 * k + 2 * ti.cast(high == time[k + 1], ti.i32)
+                                adds = asks == ADDS
+                                if ti.static(steers):
+                                    if asks == NEARS:
+                                        near = _range(kind, a, b, node, to_node, course, table)
+                                        stray = way.k * ti.sqrt(end - begin)
+                                        if stray > ti.max(STRAY * near, FINE * unit[which]):
+                                            halve = 1
+                                    elif way.k > 0.0:
+                                        if ti.static(kind == CUBE):
+                                            # Past the middle of the part, at the speed of the leg.
+                                            s0 = apart(polar, x, y, x, y, begin, 0.0, low, k, time, place, trig)
+                                            s1 = apart(polar, x, y, x, y, begin, 0.0, high, k, time, place, trig)
+                                            v = f32x2(paths.piece_east[here], paths.piece_north[here])
+                                            half = 0.5 * (s1 - s0 + v * (high - low))
+                                            middle = 0.5 * (a + b)
+                                            a, b = middle - half, middle + half
+                                        if ti.static(kind == ABEAM):
+                                            adds = False
+                                            _pass(
+                                                a, b, node, to_node, ti.cast(leg[k], ti.f32), course, table, scale,
+                                                own, scales, exposure, passed, size, i,
+                                            )  # fmt: skip
+                                if adds:
+                                    found += piece(
+                                        kind, a, b, a.norm(), b.norm(), high - low, node, to_node, course, table,
+                                        scale, own, scales, exposure, size, i,
+                                    )  # fmt: skip
+                    if halve == 0:
+                        total += found
+                    if ti.static(steers):
+                        if halve == 1:
+                            count = paths.piece_count[here]
+                            pieces.halve_part(part, later, way, seed0, seed1, i + shift[which], step, count)
+                        else:
+                            pieces.next_part(part, later, way)
+                    else:
+                        part.depth = -1
+                here = pieces.next_piece(steers, paths, here, state, shore)
+            if ti.static(kind != ABEAM):
+                exposure[i] += total
+
+    return _expose
+
+
+_drifting, _steering = _exposing(Straights, False), _exposing(Pieces, True)
+
+
 class Track(NamedTuple):
     """A sensor's way through a stretch of a step, or one place of it.
 
@@ -348,29 +493,36 @@ class Track(NamedTuple):
 
 def expose(
     ensemble: Any,
-    own: Batch,
-    way: Straight,
+    paths: Paths,
     kind: int,
     track: Track,
     table,
     scale,
     exposure,
     shore: bool = True,
+    unit=None,
+    passed=None,
 ) -> None:
-    """Add to the exposure of the slots of a batch what a sensor does on a stretch of the step just made.
+    """Add to the exposure of particles what a sensor does along their paths in the step just made.
 
-    ensemble: a drift.particles.ensemble.Ensemble; way: its way on a straight part of that step.
+    ensemble: a drift.particles.ensemble.Ensemble, after the step; paths: of some of its particles. Times of the track
+    count from the begin of these.
     kind: CUBE adds the integral of ds / 2 r^3 [1/m2], where scale is above 0; ABEAM the log of a miss wherever it comes
     abeam, for each factor of W, table a lateral range curve and scale 1 / W by factor [1/m], 0 for what is not seen;
     ZONES hazards, table radii in pairs [m] and scale rates [1/s]; INSIDE the time inside the ring `table` [m] round the
     track, times scale. scale: numbers (m,), or by scenario of the run (scenarios, m). exposure: device, (n,), for ABEAM
-    (factors * n,). shore: whether what lies ashore is seen.
+    (factors * n,). shore: whether what lies ashore or has run aground is seen.
+    unit, passed: of what steers. unit [m]: by scenario, the range below which nothing finer matters to the sensor.
+    passed: device, float32 (n,): for ABEAM, number of the leg on which each target has last been passed.
     """
     e, scale = ensemble, np.asarray(scale, np.float32)
-    _expose(
-        kind, way.polar, own.listed, own.first, own.last, own.slots, e.scenario, *way.before, *way.after, e.status, e.release,
-        e.status_since, e.moving_since, way.elapsed, way.duration, *track[:-1], np.asarray(table, np.float32), scale.reshape(-1),
-        scale.shape[1] if scale.ndim == 2 else 0, scale.shape[-1], exposure, e.n, int(shore),
+    stride = scale.shape[1] if scale.ndim == 2 else 0
+    kernel = _steering if paths.steers else _drifting
+    kernel(
+        kind, paths.polar, *paths.own.launched, e.scenario, e.status, e.status_since, paths.pack, paths.elapsed,
+        paths.duration, paths.step, *noise.key(e.seed), *track[:4], track.leg * track.searching,
+        np.asarray(table, np.float32), scale.reshape(-1), UNKNOWN if unit is None else np.asarray(unit, np.float32),
+        stride, scale.shape[-1], exposure, exposure if passed is None else passed, e.n, int(shore),
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ This is the exact detection that a plan is refined on.
 The mathematics is that of the search itself (kernels.sweep), in a plane instead of on the sphere: two straight motions
 at a time, of a leg and of a particle within a time bin. What is under way before a time of its own, its turn, is seen
 as such until then. A Brownian bridge is passed at the mean velocity of its leg, not along its noise, and abeam of a leg
-once, as in kernels.sweep_targets. Near a sensor it is followed within a bin, at Levy's midpoints: if all of its hazard
+once, as in kernels.sweep. Near a sensor it is followed within a bin, at Levy's midpoints: if all of its hazard
 in a bin fell on one place, fewer particles would have more of it, and fewer would be found.
 """
 
@@ -19,7 +19,7 @@ from kernels.rectangles import Swarm, by_state
 BLOCK = 128
 FAR = 5.0  # sweep widths from all legs beyond which comparisons leave a particle out: one leg finds 0.3 % there
 DEPTH = 5  # a bridge is halved so many times in a bin: five minutes to 9 s
-NEAR = 4.0  # strays of a bridge in a bin within which of a sensor it is followed, as in kernels.sweep_targets
+NEAR = 4.0  # strays of a bridge in a bin within which of a sensor it is followed, as in kernels.sweep
 SEED = 20260601  # of the midpoints: they are the same for all legs that are compared
 AREA = 0.07957747154594767  # 1 / (4 pi): the hazard's coefficient is W^2 / (4 pi) (Koopman 1980, inverse cube)
 

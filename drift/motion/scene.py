@@ -4,7 +4,7 @@ It is the forcing, how each scenario's objects move, and the surroundings.
 """
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -22,11 +22,11 @@ from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
 from kernels import advance as kernel
+from kernels import batch, curve, noise, pieces, runtime
 from kernels import coast as device_coast
-from kernels import curve, noise, runtime
 from kernels.bridge import Inside
-from kernels.curve import Straight
 from kernels.noise import Purpose
+from kernels.pieces import Paths
 from kernels.sample import Ranges, ordered
 
 
@@ -206,25 +206,43 @@ class Scene:
         return east, north
 
 
-def straight(ensemble: Ensemble, begin: Begin, step: kernel.Step, first: float, last: float) -> Iterator[Straight]:
-    """Return the parts of the step just made in which what drifts goes straight, as far as they lie between two times.
+def paths(
+    ensemble: Ensemble,
+    begin: Begin,
+    helm: Helm | None,
+    step: kernel.Step,
+    span: tuple[float, float],
+    scenarios: Sequence[int],
+    chosen: Array | None = None,
+) -> Iterator[Paths]:
+    """Yield the paths of particles in the step just made, as sensors take them: of what steers, then of what drifts.
+
+    What drifts goes straight in each part of the step, and has paths for each of them.
 
     Args:
         ensemble: of n particles, after the step.
         begin: where they began the step.
+        helm: what steers them; None: nothing does.
         step: with the number of its pieces.
-        first: [s after the run's start].
-        last: [s after the run's start].
+        span: the times between which they are asked for [s after the run's start].
+        scenarios: numbers of those to which the particles belong.
+        chosen: which of these particles, bool, shape (n,); None: all.
     """
-    edges = curve.edges(step.elapsed, step.duration, step.pieces)
+    steered = helm.paths(begin.helm, step, scenarios, chosen) if helm and begin.helm else None
+    if steered:
+        yield steered
+    drifts = [number for number in scenarios if helm is None or number in helm.adrift]
+    own = ensemble.batch(drifts) if chosen is None else batch.among(ensemble.batch(drifts), chosen)
+    if own.first == own.last:
+        return
     before: tuple[Device, Device] | None = None
-    for low, high in itertools.pairwise(edges):
-        if high <= first or low >= last:
+    for low, high in itertools.pairwise(curve.edges(step.elapsed, step.duration, step.pieces)):
+        if high <= span[0] or low >= span[1]:
             continue
         if before is None:
             before = _at(ensemble, begin, step, low)
         after = _at(ensemble, begin, step, high)
-        yield Straight(before, after, low, high - low, begin.polar)
+        yield pieces.straight(ensemble, own, before, after, low, high - low, step.number, begin.polar)
         before = after
 
 

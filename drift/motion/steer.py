@@ -21,14 +21,10 @@ from drift.particles.status import Status
 from geo import sphere
 from geo.array import Array
 from kernels import advance as kernel
-from kernels import batch, felt, itinerary, listen_targets, observe_targets, rows, runtime, steer, sweep_targets
+from kernels import batch, felt, itinerary, pieces, rows, runtime, steer
 from kernels.batch import Batch
 from kernels.coast import DeviceCoast
-from kernels.glimpse import Pods
-from kernels.listen import Laid, Stretch
-from kernels.observe import Shape, Window
-from kernels.pieces import Room
-from kernels.sweep import Track
+from kernels.pieces import Paths, Room
 
 _ARRAYS = dict.fromkeys(steer.WHOLE, "steer_whole") | dict.fromkeys(steer.REAL, "steer_real")
 _COLUMNS = (
@@ -129,53 +125,18 @@ class Helm:
             self._parts[chosen] = Helm(self._ensemble, self._steering, self._domain, self._coast, chosen, self._whole)
         return self._parts[chosen]
 
-    def expose(
-        self,
-        kept: Mapping[str, Device],
-        step: kernel.Step,
-        kind: int,
-        track: Track,
-        table: Array,
-        scale: Array,
-        unit: Array,
-        exposure: Device,
-        passed: Device,
-        shore: bool,
-        chosen: Array | None = None,
-    ) -> None:
-        """Add what a sensor does to targets on a stretch of the step just made: see kernels.sweep_targets.expose.
+    def paths(
+        self, kept: Mapping[str, Device], step: kernel.Step, scenarios: Sequence[int], chosen: Array | None = None
+    ) -> Paths | None:
+        """Return the paths of the targets of some scenarios in the step just made; None: none of these steers.
 
-        chosen: to which, bool (n,); None: to all that it steers.
+        They hold until the columns of another step are kept. chosen: which of the targets, bool (n,); None: all.
         """
-        e, own = self._ensemble, self.batch if chosen is None else batch.among(self.batch, chosen)
-        sweep_targets.expose(
-            self._made(kept, step), own, e.scenario, e.seed, step, kind, track, table, scale, unit, exposure,
-            passed, (e.status, e.status_since), shore,
-        )  # fmt: skip
-
-    def listen(
-        self,
-        kept: Mapping[str, Device],
-        step: kernel.Step,
-        sonar: Laid,
-        silent: tuple[Device, Device, Device],
-    ) -> None:
-        """Have a sonar listen for targets on a stretch of the step just made: see kernels.listen_targets.steering."""
-        e = self._ensemble
-        listen_targets.steering(
-            self._made(kept, step), self.batch, e.scenario, e.seed, step, sonar, silent,
-            (e.status, e.status_since),
-        )  # fmt: skip
-
-    def glimpse(
-        self, kept: Mapping[str, Device], step: kernel.Step, stretch: Stretch, pods: Pods, shore: bool, missed: Device
-    ) -> None:
-        """Have a sensor with a table of POD look for targets on a stretch of the step just made: see kernels.listen_targets."""
-        e = self._ensemble
-        listen_targets.glimpsed(
-            self._made(kept, step), self.batch, e.scenario, e.seed, step, stretch, pods, shore, missed,
-            (e.status, e.status_since),
-        )  # fmt: skip
+        part = self.some(scenarios)
+        if part is None:
+            return None
+        own = part.batch if chosen is None else batch.among(part.batch, chosen)
+        return pieces.steered(own, self._made(kept, step), step)
 
     def born(self, tries: Device) -> None:
         """Draw where and when targets begin and go adrift: see kernels.steer.born."""
@@ -231,26 +192,6 @@ class Helm:
             steer.made(kept, whole.batch, whole.plan, self._ensemble.seed, self._coast, step, whole._room)
             whole._noted = True
         return whole._room.pack
-
-    def observe(
-        self,
-        kept: Mapping[str, Device],
-        step: kernel.Step,
-        before: tuple[Device, Device],
-        after: tuple[Device, Device],
-        window: Window,
-        shape: Shape,
-        besides: int,
-        report: tuple[float, float],
-        stayed: Device,
-        told: Device,
-    ) -> None:
-        """Add what a sensor that stands still tells of the targets: see kernels.observe_targets.steering."""
-        e = self._ensemble
-        observe_targets.steering(
-            self._made(kept, step), self.batch, e.scenario, e.seed, before, after, window, shape, besides, report, stayed,
-            told,
-        )  # fmt: skip
 
     def velocity(self, kept: Mapping[str, Device], step: kernel.Step, time: int) -> tuple[Array, Array]:
         """Return (east, north) [m/s] of targets at a time inside the step just made, (n,); 0 of what is not under way."""

@@ -5,15 +5,16 @@ zones. All of it is kept on the device, in columns that go when the sortie is ov
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from drift.motion import scene
 from drift.motion.forcing import Forcing
-from drift.motion.scene import Begin, straight
+from drift.motion.scene import Begin
 from drift.motion.steer import Helm
 from drift.particles import members as dealt
 from drift.particles.ensemble import Ensemble
@@ -22,8 +23,9 @@ from drift.search.markers import Marker, Tracked
 from drift.search.records import Sortie
 from geo import notation, sphere
 from geo.array import Array
-from kernels import batch, runtime, sweep
+from kernels import runtime, sweep
 from kernels.advance import Step
+from kernels.pieces import Paths
 from kernels.sweep import Track
 
 Device = Any
@@ -156,73 +158,39 @@ class SortieExposure:
             chosen = None  # which slots of all, where it is not all of these scenarios
             if member is not None and way.member is not None:
                 chosen = member == way.member
-            self._expose_adrift(ensemble, begin, step, (first, last), way, chosen, exposed)
-            if helm and begin.helm:
-                self._expose_under_way(helm, begin.helm, step, (first, last), way, chosen, exposed)
+            for paths in scene.paths(ensemble, begin, helm, step, (first, last), way.scenarios, chosen):
+                self._expose(ensemble, paths, (first, last), way, exposed)
         return exposed
 
+    def _expose(self, ensemble: Ensemble, paths: Paths, span: tuple[float, float], way: _Way, exposed: Exposed) -> None:
+        """Add its exposure of particles along their paths, between two times of the step."""
+        other = exposed.under_way if paths.steers else exposed.adrift
+        for kind, track, (table, scale) in self._tracks(span, paths, way):
+            column = exposed.adrift if kind == sweep.ABEAM else other
+            if kind == sweep.INSIDE and exposed.inside is not None:
+                column = exposed.inside
+            sweep.expose(
+                ensemble, paths, kind, track, table, scale, column, self.sortie.ashore, self._unit, exposed.passed
+            )
+
     def _tracks(
-        self, first: float, last: float, elapsed: int, way: _Way, polar: bool = False
+        self, span: tuple[float, float], paths: Paths, way: _Way
     ) -> Iterator[tuple[int, Track, tuple[Array, Array]]]:
         """Yield the kind of exposure, the track between two times and the tables, for its path and for its area."""
+        (first, last), begin, polar = paths.cut(*span), paths.elapsed, paths.polar
         moved = way.marker.where if way.marker else None
         if self._path is not None and self._looks:
-            track = self._path.between(first, last, elapsed, moved, self._datum, polar)
+            track = self._path.between(first, last, begin, moved, self._datum, polar)
             if track is not None:
-                yield self._kind, track, self._tables
+                yield self._kind, track, self._tables_under_way if paths.steers else self._tables
         if self._place is not None and self._ring is not None:
-            track = self._place.between(first, last, elapsed, moved, self._datum, polar)
+            track = self._place.between(first, last, begin, moved, self._datum, polar)
             if track is not None:
                 ring = self._ring
                 if polar:
                     lon, lat = np.radians(self._place.lon[:1]), self._place.lat[:1]
                     ring = np.stack(sphere.to_pole(lon, lat, ring[::2], ring[1::2]), axis=1).reshape(-1)
                 yield sweep.INSIDE, track, (ring, np.array([1 / (self.end - self.begin)]))
-
-    def _expose_adrift(
-        self,
-        ensemble: Ensemble,
-        begin: Begin,
-        step: Step,
-        span: tuple[float, float],
-        way: _Way,
-        chosen: Array | None,
-        exposed: Exposed,
-    ) -> None:
-        """Add its exposure of drifting particles between two times of the step, one straight part after another."""
-        own = ensemble.batch(way.scenarios)
-        if chosen is not None:
-            own = batch.among(own, chosen)
-        for part in straight(ensemble, begin, step, *span):
-            low, high = max(span[0], part.elapsed), min(span[1], part.elapsed + part.duration)
-            for kind, track, tables in self._tracks(low, high, part.elapsed, way, part.polar):
-                inside = kind == sweep.INSIDE and exposed.inside is not None
-                column = exposed.inside if inside else exposed.adrift
-                sweep.expose(ensemble, own, part, kind, track, *tables, column, self.sortie.ashore)
-
-    def _expose_under_way(
-        self,
-        helm: Helm,
-        kept: Mapping[str, Device],
-        step: Step,
-        span: tuple[float, float],
-        way: _Way,
-        chosen: Array | None,
-        exposed: Exposed,
-    ) -> None:
-        """Add its exposure of targets under way between two times of the step."""
-        steered = helm.some(way.scenarios)
-        if not steered:
-            return
-        for kind, track, tables in self._tracks(*span, step.elapsed, way):
-            if kind == sweep.INSIDE:
-                column = exposed.under_way if exposed.inside is None else exposed.inside
-            else:
-                column = exposed.adrift if kind == sweep.ABEAM else exposed.under_way
-                tables = self._tables_under_way
-            steered.expose(
-                kept, step, kind, track, *tables, self._unit, column, exposed.passed, self.sortie.ashore, chosen
-            )
 
     def ready(self, ensemble: Ensemble, steers: bool) -> Exposed:
         """Return what it has done to particles, nothing as yet; steers: whether any of them steer."""

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from drift.motion import scene
 from drift.motion.forcing import Forcing
-from drift.motion.scene import Begin, straight
+from drift.motion.scene import Begin
 from drift.motion.steer import Helm
 from drift.particles.ensemble import Ensemble
 from drift.search import sensor_path
@@ -22,7 +23,7 @@ from drift.sensors.hearing import Ear
 from drift.sensors.records import PodGrid, Sonar
 from geo import notation, sphere
 from geo.array import Array
-from kernels import glimpse, listen, runtime, sweep
+from kernels import listen, runtime, sweep, watch
 from kernels.advance import Step
 from kernels.glimpse import Pods
 from kernels.listen import Laid, Stretch
@@ -110,23 +111,15 @@ class Listening:
             self._seen = last
         else:
             exposed = exposed.copy()
-        scenarios, kept = tuple(range(len(ensemble.scenarios))), tuple(exposed.columns.values())
-        steered = helm.some(scenarios) if helm and begin.helm else None
-        if steered and begin.helm:
-            for pods, sonar, stretch in self._stretches(first, last, step.elapsed):
+        kept = tuple(exposed.columns.values())
+        every = range(len(ensemble.scenarios))
+        for paths in scene.paths(ensemble, begin, helm, step, (first, last), every):
+            low, high = paths.cut(first, last)
+            for pods, sonar, stretch in self._stretches(low, high, paths.elapsed):
                 if pods is not None:
-                    steered.glimpse(begin.helm, step, stretch, pods, self.sortie.ashore, kept[0])
+                    watch.look_along(ensemble, paths, stretch, pods, self.sortie.ashore, kept[0])
                 elif sonar is not None:
-                    steered.listen(begin.helm, step, sonar, kept)
-        own = ensemble.batch(helm.adrift if helm else scenarios)
-        if own.last > own.first:
-            for part in straight(ensemble, begin, step, first, last):
-                low, high = max(first, part.elapsed), min(last, part.elapsed + part.duration)
-                for pods, sonar, stretch in self._stretches(low, high, part.elapsed):
-                    if pods is not None:
-                        glimpse.drifting(ensemble, own, part, stretch, pods, self.sortie.ashore, kept[0])
-                    elif sonar is not None:
-                        listen.drifting(ensemble, own, part, sonar, kept)
+                    watch.listen_along(ensemble, paths, sonar, kept)
         return exposed
 
     def _stretches(self, first: float, last: float, elapsed: int) -> Iterator[tuple[Pods | None, Laid | None, Stretch]]:

@@ -6,8 +6,9 @@ where the particles are, for their ways are tied down there.
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +21,10 @@ from drift.search.crossings import Watched
 from drift.search.records import Barrier, Kind, Line, Presence, Sensors
 from geo import notation
 from geo.array import Array
-from kernels import curve, observe, runtime
+from kernels import curve, observe, pieces, runtime
 from kernels.advance import Step
 from kernels.observe import Shape, Window
+from kernels.pieces import Paths
 
 Device = Any
 Places = tuple[Device, Device]  # lon and lat
@@ -40,7 +42,7 @@ class Observer:
     shape: Shape
     besides: int = observe.WHETHER
     report: tuple[float, float] = (0.0, 1.0)  # time [s] and error [s]
-    columns: list[Device] = field(default_factory=list)  # see kernels.observe.drifting: stayed, told
+    columns: list[Device] = field(default_factory=list)  # see kernels.observe.observe_along: stayed, told
 
     def ready(self, n: int) -> list[Device]:
         """Return its columns of n particles, which it has from when it begins."""
@@ -83,14 +85,6 @@ class Observer:
         if isinstance(self.what, Presence):
             return self.what.present != "never"
         return isinstance(self.what, Barrier) and self.what.reported is not None
-
-
-class Way(NamedTuple):
-    """A part of the step just made, and where its particles were at both ends of it."""
-
-    window: Window
-    before: Places
-    after: Places
 
 
 class Observers:
@@ -190,16 +184,26 @@ class Observers:
         assert self._step is not None
         assert self._known is not None
         since, before = self._known
-        way = Way(Window(self._step.number, self._cuts, since, until - since), before, places)
-        helm, e = self._scene.helm(self._ensemble), self._ensemble
+        window = Window(self._step.number, self._cuts, since, until - since)
         k = math.sqrt(2 * self._spec.errors.diffusivity)  # what drifts walks about its way as its diffusivity has it
-        drifts = e.batch([number for number, own in enumerate(self._spec.scenarios) if own.model in own.models])
-        for seen, columns in every:
-            which = way.window, seen.shape, seen.besides, seen.report, *columns
-            if helm and self._begin and self._begin.helm:
-                helm.observe(self._begin.helm, self._step, way.before, way.after, *which)
-            if drifts.last > drifts.first:  # where all steer, its kernel need not be compiled
-                observe.drifting(e, drifts, self._adrift_from(since, before), way.after, way.window, k, *which[1:])
+        for paths in self._paths(before, places, window):
+            for seen, columns in every:
+                observe.observe_along(
+                    self._ensemble, paths, before, places, window, k, seen.shape, seen.besides, seen.report, *columns
+                )
+
+    def _paths(self, before: Places, after: Places, window: Window) -> Iterator[Paths]:
+        """Yield the paths of what steers in the step, then of what drifts in a part of it."""
+        assert self._step is not None
+        helm, e, scenarios = self._scene.helm(self._ensemble), self._ensemble, self._spec.scenarios
+        if helm and self._begin and self._begin.helm:
+            steered = helm.paths(self._begin.helm, self._step, range(len(scenarios)))
+            if steered:
+                yield steered
+        drifts = e.batch([number for number, own in enumerate(scenarios) if own.model in own.models])
+        if drifts.last > drifts.first:  # where all steer, its kernel need not be compiled
+            begun = self._adrift_from(window.since, before)
+            yield pieces.straight(e, drifts, begun, after, window.since, window.lasting, window.step)
 
     def _adrift_from(self, since: int, places: Places) -> Places:
         """Return where each particle's drift begins: where it was, or where it went adrift since [s]."""

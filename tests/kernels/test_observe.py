@@ -13,7 +13,7 @@ import taichi as ti
 from scipy import stats
 
 from geo import sphere
-from kernels import noise, observe
+from kernels import noise, observe, pieces
 from kernels.itinerary import Chance
 
 NMI = 1852.0
@@ -38,7 +38,7 @@ def _pieces(
     for i in range(lon.shape[0]):
         out[i, 0], out[i, 1], out[i, 2] = 1.0, 0.0, -1.0
         for j in range(lon.shape[1] - 1):
-            piece = observe.Piece(lon[i, j], lat[i, j], lon[i, j + 1], lat[i, j + 1], j * dt, (j + 1) * dt, k)
+            piece = pieces.Piece(lon[i, j], lat[i, j], lon[i, j + 1], lat[i, j + 1], j * dt, (j + 1) * dt, k)
             r = observe.observe(kind, besides, piece, sensor, corners, Chance(seed, ti.u32(7), i, i, j, 0))
             out[i, 1] += out[i, 0] * r[1]
             if r[2] >= 0.0 and out[i, 2] < 0.0:

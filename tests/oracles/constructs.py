@@ -27,10 +27,24 @@ Names = dict[str, Any]
 
 
 def functions(module: str) -> Iterator[tuple[ast.FunctionDef, Names]]:
-    """Yield each kernel and device function of a module, with the names that it sees."""
+    """Yield each kernel and device function of a module, with the names that it sees.
+
+    Those of a function that makes kernels see its arguments too, of which nothing is known here.
+    """
     tree = ast.parse((ROOT / "kernels" / f"{module}.py").read_text(encoding="utf-8"))
     names = vars(importlib.import_module(f"kernels.{module}"))
-    yield from ((node, names) for node in ast.walk(tree) if decorated(node, "kernel", "func"))
+    for node in tree.body:
+        given = {one.arg: None for one in node.args.args} if isinstance(node, ast.FunctionDef) else {}
+        for inner in ast.walk(node):
+            if decorated(inner, "kernel", "func"):
+                yield inner, names if inner is node else names | given
+
+
+def kernels(module: str) -> dict[str, Any]:
+    """Return the kernels of a module, by its name and theirs."""
+    own = importlib.import_module(f"kernels.{module}")
+    mine = {name: each for name, each in vars(own).items() if getattr(each, "_primal", None) is not None}
+    return {f"{module}.{name}": each for name, each in mine.items() if each.__module__ == own.__name__}
 
 
 def decorated(node: ast.AST, *names: str) -> bool:

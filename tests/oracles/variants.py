@@ -9,7 +9,6 @@ tests/backends/cuda_stub.c, and there CUDA_STUB_OUT, which must be the same fold
 """
 
 import argparse
-import importlib
 import itertools
 import json
 import time
@@ -50,12 +49,9 @@ VALUES: dict[str, tuple[Any, ...]] = {
     "random": YES_OR_NO,
     "squared": YES_OR_NO,
     "velocity": (velocity.drift,),
-    "glimpse.kind": (glimpse.ROUND, glimpse.PLACES),
-    "listen_targets.kind": (glimpse.HEARD, glimpse.ROUND, glimpse.PLACES),
+    "watch.kind": (glimpse.HEARD, glimpse.ROUND, glimpse.PLACES),
     "observe.kind": FIELDS,
-    "observe_targets.kind": FIELDS,
     "sweep.kind": SWEEPS,
-    "sweep_targets.kind": SWEEPS,
 }
 CYCLED = {"listed", "besides"}  # they take turns: they matter little to what else is compiled
 DERIVED = {"width", "held_of"}  # from the backend, and from `features`
@@ -64,12 +60,7 @@ ELEMENTS = 64  # of each array
 
 def kernels(part: int = 0, parts: int = 1) -> dict[str, Any]:
     """Return every kernel, by module and name, or those of one of several parts."""
-    found = {}
-    for module in constructs.MODULES:
-        for function, _ in constructs.functions(module):
-            if constructs.decorated(function, "kernel"):
-                own = importlib.import_module(f"kernels.{module}")
-                found[f"{module}.{function.name}"] = getattr(own, function.name)
+    found = {name: each for module in constructs.MODULES for name, each in constructs.kernels(module).items()}
     return dict(itertools.islice(found.items(), part, None, parts))
 
 

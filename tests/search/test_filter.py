@@ -43,8 +43,7 @@ from drift.search.records import (
 from geo import sphere
 from geo.errors import UserError
 from geo.polyline import Area, Legs
-from kernels import runtime, sweep
-from kernels.curve import Straight
+from kernels import pieces, runtime, sweep
 
 NMI = 1852.0
 METRES = sphere.RADIUS * np.pi / 180  # [m] per degree of latitude
@@ -852,8 +851,9 @@ def test_what_strands_or_goes_adrift_within_a_step_is_where_it_is():
         afloat = runtime.empty(2)  # as a sensor has it that does not see the beach
         for begin, end in itertools.pairwise(cuts):
             track = still.between(begin, end, 0, None, (0.0, 0.0))
-            whole = Straight(before, (ensemble.lon, ensemble.lat), 0, 3600)
-            args = (ensemble, ensemble.batch([0]), whole, sweep.INSIDE, track, ring, np.ones(1))
+            after = ensemble.lon, ensemble.lat
+            paths = pieces.straight(ensemble, ensemble.batch([0]), before, after, 0, 3600)
+            args = (ensemble, paths, sweep.INSIDE, track, ring, np.ones(1))
             sweep.expose(*args, exposure)
             sweep.expose(*args, afloat, shore=False)
         # the last tenth of the way lies in the area, and all the time after it

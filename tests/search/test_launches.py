@@ -53,9 +53,9 @@ def test_launches_of_a_sortie_go_by_currents_and_not_by_scenarios(
     failed: list[object] = []
     expose, fail = sweep.expose, sweep.fail
 
-    def counted(ensemble: object, own: object, *given: object) -> None:
-        seen.append(own.scenarios)
-        expose(ensemble, own, *given)
+    def counted(ensemble: object, paths: object, *given: object) -> None:
+        seen.append(paths.own.scenarios)
+        expose(ensemble, paths, *given)
 
     def missed(*given: object) -> None:
         failed.append(given)
