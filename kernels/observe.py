@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import taichi as ti
 
-from kernels import angles, batch, life, noise, pieces, shore, sphere, touch
+from kernels import angles, batch, life, noise, pieces, rows, shore, sphere, touch
 from kernels.coast import Ints, Reals
 from kernels.itinerary import Chance
 from kernels.pieces import NONE, Paths, Pieces, Straights
@@ -279,6 +279,7 @@ def _observing(Ways: Any, steers: bool) -> Any:
         status: Ints,
         status_since: Ints,
         there_since: Ints,
+        there_at: ti.i32,
         paths: Ways,
         before_lon: Ints,
         before_lat: Ints,
@@ -304,7 +305,7 @@ def _observing(Ways: Any, steers: bool) -> Any:
                 times = life.behind(state, paths.release[i], status_since[i], paths.moving_since[i], since, lasting)
                 there = times[3] > times[0]
                 if ti.static(kind == IN_BOX or kind == IN_DISC):
-                    there = there_since[i] <= since and times[3] >= since + lasting
+                    there = there_since[there_at + i] <= since and times[3] >= since + lasting
                 if not there:
                     here = NONE
                 if ti.static(kind == IN_BOX or kind == IN_DISC):
@@ -398,7 +399,7 @@ def observe_along(
     e, kernel = ensemble, _steering if paths.steers else _drifting
     kernel(
         shape.kind, besides, *paths.own.launched, e.scenario, e.status, e.status_since,
-        e.own.get("departure", e.release), paths.pack, *before, *after, window.since, window.lasting, window.step,
+        *rows.located(e.own.get("departure", e.release)), paths.pack, *before, *after, window.since, window.lasting, window.step,
         window.count, *noise.key(e.seed), float(k), sensor(shape, window, report), shape.corners, stayed, told,
     )  # fmt: skip
 
