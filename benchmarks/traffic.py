@@ -81,6 +81,21 @@ class _Walk(ast.NodeVisitor):
             for each in node.body:
                 self.visit(each)
 
+    def visit_ListComp(self, node: ast.ListComp) -> None:
+        """Unroll a row of numbers that Taichi unrolls."""
+        (of,) = node.generators
+        for value in self._value(of.iter.args[0]) if _static(of.iter) else (None,):
+            if value is not None:
+                self._known[of.target.id] = value
+            self.visit(node.elt)
+
+    def visit_Assign(self, node: ast.Assign) -> None:
+        """Remember what is known when the kernel is compiled."""
+        if _static(node.value) and isinstance(node.targets[0], ast.Name):
+            self._known[node.targets[0].id] = self._value(node.value.args[0])
+        else:
+            self.generic_visit(node)
+
     def visit_AugAssign(self, node: ast.AugAssign) -> None:
         """Count what is added to as read and as written."""
         self.generic_visit(node)
