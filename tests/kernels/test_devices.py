@@ -113,7 +113,7 @@ MODERN = {"version": (1, 3), "lacks": (), "buffers": 1024, "kind": "discrete", "
         ({}, ""),
         ({"version": (1, 0)}, "it knows Vulkan 1.0, and kernels need 1.1"),
         ({"lacks": ("float64", "int8")}, "it lacks float64, int8, which kernels need"),
-        ({"buffers": 31}, "it hands 31 buffers to a kernel, and kernels take up to 52"),
+        ({"buffers": 30}, "it hands 30 buffers to a kernel, and kernels take up to 31"),
         ({"kind": "software"}, "software of radv Mesa 22.3.6, which may compute wrongly and say nothing"),
         ({"kind": "software", "driver": "llvmpipe Mesa 25.0.7-2~bpo12+1 (LLVM 15.0.6)"}, ""),
         ({"kind": "software", "driver": "llvmpipe Mesa 100.1"}, ""),

@@ -102,7 +102,7 @@ def zero(kind: Any) -> Any:
         if kind.ndim == 2:
             return tables.empty(ELEMENTS, ELEMENTS, NUMPY[kind.dtype])
         one = isinstance(kind.dtype, MatrixType)
-        return runtime.empty_nodes(ELEMENTS) if one else runtime.empty(ELEMENTS, kind.dtype)
+        return runtime.empty_nodes(ELEMENTS) if one else runtime.empty(ELEMENTS, kind.dtype or ti.f32)
     if isinstance(kind, ArgPackType):
         return launch.pack(kind, *map(zero, kind.members.values()))
     if isinstance(kind, StructType):
