@@ -36,7 +36,7 @@ class Device:
     name: str
     kind: str  # of KINDS
     driver: str  # with its version
-    total: int | None = None  # [bytes] of memory that it reaches at once; None: nobody says
+    total: int | None = None  # [bytes] of memory that it reaches at once; None: unknown
     free: int | None = None  # [bytes] of that
     unfit: str = ""  # why kernels cannot run on it; "": they can
     remedy: str = ""  # what to do then
@@ -48,7 +48,7 @@ class Device:
 
     @property
     def room(self) -> int | None:
-        """Return how much of its own memory is free [bytes]; None where it has the processor's, or nobody says."""
+        """Return how much of its own memory is free [bytes]; None where it uses the processor's, or where it is unknown."""
         return None if self.kind in SHARING else self.total if self.free is None else self.free
 
     @property
@@ -130,7 +130,7 @@ def usable(listed: Listed) -> Device:
 
 
 def fullness(free: int | None) -> tuple[str, str]:
-    """Return that a card is full and what to do; empty where it is not, or where nobody says."""
+    """Return that a card is full and what to do; empty where it is not, or where that is unknown."""
     if free is None or free >= LEAST:
         return "", ""
     why = f"{notation.size(free)} of its memory are free, and a run needs {notation.size(LEAST)} beside its particles"

@@ -73,7 +73,7 @@ def _cuda_device(driver: Any, number: int, version: int) -> Device:
 
 
 def _nvml(bus: bytes) -> tuple[str, int | None]:
-    """Return the version of NVIDIA's driver, and the free memory of the card at a bus; "" and None where nobody says."""
+    """Return the version of NVIDIA's driver, and the free memory of the card at a bus; "" and None where they are unknown."""
     nvml = _library("libnvidia-ml.so.1", "nvml.dll")
     if nvml is None or nvml.nvmlInit_v2():
         return "", None

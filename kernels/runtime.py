@@ -139,7 +139,7 @@ def _init(backend: str, threads: int, device: Device | None) -> None:
                 # in proportion to the square of the kernel's length.
                 cfg_optimization=False,
                 advanced_optimization=backend != "cpu",  # likewise: half of the time of compiling
-                # A card's errors are raised, and would be printed too: what is told of them is a line.
+                # A card's errors are raised, and would be printed too: a run prints one line of its own.
                 log_level=ti.ERROR if backend == "cpu" else ti.CRITICAL,
                 **_caching(),
                 cpu_max_num_threads=threads,
@@ -243,7 +243,7 @@ def told() -> str:
 
 
 def room() -> int | None:
-    """Return how much of the running device's own memory is free [bytes]; None where it has the processor's, or nobody says."""
+    """Return how much of the running device's own memory is free [bytes]; None where it uses the processor's, or where it is unknown."""
     device = _started.get("device")
     if not isinstance(device, Device):
         return None

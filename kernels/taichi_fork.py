@@ -1,6 +1,6 @@
 """A fork of Taichi in place of it, with groups of arguments (`ti.types.argpack`), which forks do not have.
 
-A fork's kernel takes an object that holds arrays as a template, and compiles anew for each object. So every launch of a
+A fork's kernel takes an object that holds arrays as a template, and compiles again for each object. So every launch of a
 kernel hands its groups over in the same objects, which take up the arrays of the groups and keep them until the next
 one. A template's numbers are part of what is compiled: numbers of a group go in as an array.
 """

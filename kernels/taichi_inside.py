@@ -40,7 +40,7 @@ _known: dict[tuple, tuple[Any, Any]] = {}
 
 
 def cache() -> Path:
-    """Return the folder in which Taichi keeps compiled kernels, where nobody names another."""
+    """Return the folder in which Taichi keeps compiled kernels, by default."""
     return Path(impl.default_cfg().offline_cache_file_path)
 
 
@@ -261,7 +261,7 @@ def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
 
     def launch_bound(*values: int, kept: tuple = args) -> None:
         context = lasting or fresh()
-        for slot, array in arrays:  # set anew each time: a launch turns arrays into addresses
+        for slot, array in arrays:  # set again each time: a launch turns arrays into addresses
             context.set_arg_ndarray(slot, array)
         for slot, value in zip(slots, values, strict=True):
             context.set_arg_int(slot, value)

@@ -1,6 +1,6 @@
-"""Taichi by its public interface alone: for releases other than 1.7.4, whose insides nobody here knows.
+"""Taichi by its public interface alone: for releases other than 1.7.4, whose insides are not known here.
 
-It has the functions of kernels.taichi_inside, with the same bits and more time: a launch looks at all arguments anew,
+It has the functions of kernels.taichi_inside, with the same bits and more time: a launch looks at all arguments again,
 columns are copied by kernels, and arrays of nodes are freed as that release does it (1.7.4 never does).
 """
 
@@ -17,7 +17,7 @@ _Structure = type(ti.types.struct(one=ti.f32))
 
 
 def cache() -> Path:
-    """Return the folder in which Taichi keeps compiled kernels, where nobody names another."""
+    """Return the folder in which Taichi keeps compiled kernels, by default."""
     return Path.home() / ".cache" / ti.__name__ / "ticache"
 
 

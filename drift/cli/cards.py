@@ -32,7 +32,7 @@ def start(given: argparse.Namespace, out: Path, particles: int, elsewhere: bool)
 
 
 def say_choice(given: argparse.Namespace) -> None:
-    """Print what --backend auto took and why; quiet: only a card that could not be used is told, by a warning."""
+    """Print what --backend auto took and why; quiet: print only a warning, where a card could not be used."""
     from kernels import runtime
 
     if given.backend == runtime.AUTO and runtime.told() and not given.quiet:
