@@ -151,7 +151,7 @@ def _forecast(
         np.stack([output.lat for output in seen]) * (360.0 / sphere.TURN),
         np.stack([output.status for output in seen]).astype(np.uint8),
         np.stack([output.probability for output in seen]),
-        np.array([snapshot.means(snapshot.vectors(output, len(case.scenarios))).all for output in seen]),
+        np.array([snapshot.means(snapshot.vectors(output)).all for output in seen]),
         begin.clock.step,
     )
     return brief, rest

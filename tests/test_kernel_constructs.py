@@ -23,6 +23,7 @@ ON_DEVICE = {
     "prior.draw_position",
     "prior.draw_trackline",
     "steer._inside",
+    "tally._mark",
 }
 WHOLE = {"beams._missed"}  # it writes every element: one of each beam, over all turns of a loop
 

@@ -7,12 +7,15 @@ import numpy as np
 from drift.forecast import areas, density
 from drift.forecast.likeliest import Shown
 from drift.forecast.survey import Survey
-from drift.particles.snapshot import Output, mapped
+from drift.particles.snapshot import Output, Snapshot, mapped, swarm
 from drift.particles.status import Status
 from geo import cells, mixing, sphere
 from geo.array import Array
 from geo.cells import Cells
+from kernels import tally
+from kernels.tally import Marks, Swarm
 
+GROUPS = 4
 SAMPLE = 4096  # particles that tell how fine cells are to be
 
 
@@ -65,48 +68,31 @@ def of(output: Output, known: Survey, centre: int) -> Cloud | None:
 
 def deposits(output: Output, known: Survey, window: Cells, shown: Shown) -> areas.Deposits:
     """Return what lies in each cell of an output's own, in fixed point: the same in any order."""
-    grid = np.zeros(window.shape[0] * window.shape[1], np.int64)
-    for part in output.parts():
-        there = mapped(part)
-        cell = cells.index(part.lon[there], part.lat[there], window)
-        inside = cell >= 0
-        np.add.at(grid, cell[inside], cells.fixed(part.probability[there])[inside])
-    held = np.flatnonzero(grid > 0)
-    place = np.full(grid.size, -1, np.int32)
-    place[held] = np.arange(held.size)
     media, level = 2 if known.ashore else 1, known.lightest == known.heaviest
-    mass, squares = (np.zeros(4 * media * held.size, np.int64) for _ in range(2))
-    by_scenario = np.zeros(media * shown.size * held.size, np.int64)
-    shown_as = shown.place
-    for part in output.parts():
-        there = mapped(part)
-        cell = cells.index(part.lon[there], part.lat[there], window)
-        inside = cell >= 0
-        inside[inside] = place[cell[inside]] >= 0
-        there[there] = inside
-        where, weight = place[cell[inside]].astype(np.int64), part.probability[there]
-        amount, ashore = cells.fixed(weight), part.status[there] == Status.ASHORE
-        code = group(part.blocks.places[there], output.n) * media + ashore
-        np.add.at(mass, code * held.size + where, amount)
-        if not level:
-            np.add.at(squares, code * held.size + where, cells.fixed(weight * (weight / known.heaviest)))
-        if shown.size > 1:
-            code = shown_as[part.scenario[there]] * media + ashore
-            np.add.at(by_scenario, code * held.size + where, amount)
-    of_groups = mass.reshape(4, media, -1) / cells.ONE
-    of_squares = of_groups if level else squares.reshape(4, media, -1) / cells.ONE
-    alone = by_scenario.reshape(shown.size, media, -1) / cells.ONE if shown.size > 1 else of_groups.sum(axis=0)[None]
-    return areas.Deposits(held, of_groups, of_squares * known.heaviest, alone)
+    medium = (np.arange(len(Status)) == Status.ASHORE).astype(np.int32)
+    places = shown.place.astype(np.int32)
+
+    def marked(part: Snapshot) -> tuple[Swarm, Marks]:
+        return swarm(part), Marks(group(part.blocks.places, output.n), medium, part.scenario, places)
+
+    held = tally.held(map(swarm, output.parts()), window)
+    heaviest = 0.0 if level else known.heaviest
+    whole = tally.laid(map(marked, output.parts()), window, held, GROUPS, media, shown.size, heaviest)
+    mass, squares, by_scenario = (own / cells.ONE for own in whole)
+    alone = by_scenario if shown.size > 1 else mass.sum(axis=0)[None]
+    return areas.Deposits(held, mass, (mass if level else squares) * known.heaviest, alone)
 
 
 def group(place: Array, n: int) -> Array:
-    """Return the group 0..3 of particles: those of one group are held out of a map together.
+    """Return the group, 0 to GROUPS - 1, of particles, int32: those of one group are held out of a map together.
 
-    place: their numbers in the whole run, of n particles. It is a hash of the number, the same in runs of up to 32:
-    resampling lays a particle's offspring side by side, and siblings must not sit on both sides of a check.
+    place: their numbers in the whole run, of n particles, ascending. It is a hash of the number, the same in runs of up
+    to 32: resampling lays a particle's offspring side by side, and siblings must not sit on both sides of a check.
     """
     run = min(max(n // 2048, 1), 32)
-    code = place.astype(np.uint64) // np.uint64(run) + np.uint64(1)
+    code = place // run + 1
+    begun = np.flatnonzero(np.diff(code, prepend=0))
     with np.errstate(over="ignore"):
-        code = code * np.uint64(0x9E3779B97F4A7C15)  # the steps of SplitMix64's counter
-    return (mixing.mixed(code) >> np.uint64(62)).astype(np.int64)
+        words = code[begun].astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)  # the steps of SplitMix64's counter
+    own = (mixing.mixed(words) >> np.uint64(62)).astype(np.int32)
+    return np.repeat(own, np.diff(begun, append=len(code)))

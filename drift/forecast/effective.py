@@ -79,7 +79,12 @@ class Effective:
             total, squares = np.bincount(of, mass, self._many), np.bincount(of, mass**2, self._many)
         else:
             total, squares = partials.merged(self._sums).total.T
-        return np.asarray(np.divide(total**2, squares, out=np.zeros(self._many), where=squares > 0))
+        return of_sums(total, squares)
+
+
+def of_sums(total: Array, squares: Array) -> Array:
+    """Return effective numbers from sums of weights and of their squares, of one shape; 0 where there is none."""
+    return np.asarray(np.divide(total**2, squares, out=np.zeros(np.shape(total)), where=squares > 0))
 
 
 def number(weight: Array, family: Array | None = None) -> float:

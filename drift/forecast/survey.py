@@ -1,16 +1,17 @@
 """What is known of all particles at a time: one pass over them, part by part, before any map is made."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drift.forecast import effective
 from drift.forecast.effective import Effective
 from drift.particles import partials, snapshot
 from drift.particles.partials import Partial
 from drift.particles.snapshot import Means, Output, mapped
 from drift.particles.status import Status, under_way
-from geo import sphere
 from geo.array import Array
+from kernels import tally
 
 
 @dataclass(frozen=True)
@@ -38,38 +39,50 @@ class Survey:
 
 def of(output: Output, scenarios: int) -> Survey:
     """Return the survey of an output."""
-    tables: dict[str, list[Partial]] = {name: [] for name in ("status", "scenario", "direction", "means", "weight")}
-    every, shown, alone, worlds = (Effective() for _ in range(4))
-    by_status, by_scenario = Effective(len(Status)), Effective(scenarios)
+    parts: list[Partial] = []
     lightest, heaviest, ashore, steers, copied, last_world = 1.0, 0.0, False, False, False, -1
+    every, shown, worlds = (Effective() for _ in range(3))  # of copies and worlds: others are in the sums
+    by_status, by_scenario = Effective(len(Status)), Effective(scenarios)
     for part in output.parts():
-        blocks, probability, there = part.blocks, part.probability, mapped(part)
-        weight = np.where(there, probability, 0.0)
-        lon = part.lon * sphere.UNIT
-        tables["status"].append(blocks.partial(probability, code=part.status, many=len(Status)))
-        tables["scenario"].append(blocks.partial(probability, code=part.scenario, many=scenarios))
-        tables["direction"].append(blocks.partial(weight * np.cos(lon), weight * np.sin(lon)))
-        tables["means"].append(snapshot.vectors(part, scenarios))
-        tables["weight"].append(blocks.partial(weight))
-        every.add(probability, blocks, family=part.family)
-        shown.add(weight, blocks, family=part.family)
-        by_status.add(probability, blocks, part.status, part.family)
-        by_scenario.add(weight, blocks, part.scenario, part.family)
+        blocks, probability = part.blocks, part.probability
+        summed = tally.summed(snapshot.swarm(part), np.append(blocks.first, blocks.n))
+        parts.append(Partial(scenarios, blocks.scenario, blocks.number, summed.sums[:, None]))
+        lightest = min(lightest, summed.lightest.min(initial=1.0))
+        heaviest = max(heaviest, summed.heaviest.max(initial=0.0))
+        ashore |= bool((probability[part.status == Status.ASHORE] > tally.LEAST).any())
+        steers |= bool(under_way(part.status).any())
+        if part.family is None and part.world is None:
+            continue
+        weight = np.where(mapped(part), probability, 0.0)
         if part.family is not None:
-            alone.add(weight, blocks)
+            every.add(probability, blocks, family=part.family)
+            shown.add(weight, blocks, family=part.family)
+            by_status.add(probability, blocks, part.status, part.family)
+            by_scenario.add(weight, blocks, part.scenario, part.family)
             copied = True
         if part.world is not None:
             worlds.add(weight, blocks, family=part.world)
             last_world = max(last_world, int(part.world.max()))
-        if there.any():
-            lightest = min(lightest, float(probability[there].min()))
-            heaviest = max(heaviest, float(weight.max()))
-        ashore |= bool((there & (part.status == Status.ASHORE)).any())
-        steers |= bool(under_way(part.status).any())
-    sums = {name: partials.merged(parts) for name, parts in tables.items()}
+    whole = partials.merged(parts)
+    total, of_scenarios = whole.total[0], whole.by_scenario[:, 0]
+    status, squares = total[tally.STATUS].reshape(2, -1)
+    spread = effective.of_sums(*total[tally.WEIGHT])
     return Survey(
-        output.time, sums["status"].total[:, 0], sums["scenario"].total[:, 0], sums["direction"].total[0],
-        snapshot.means(sums["means"]), sums["weight"], lightest, heaviest, ashore, steers,
-        float(every.numbers[0]), float(shown.numbers[0]), by_status.numbers, by_scenario.numbers,
-        float((alone if copied else shown).numbers[0]), float(worlds.numbers[0]) if last_world >= 0 else np.nan, 1 + last_world,
-    )  # fmt: skip
+        time=output.time,
+        status=status,
+        scenario=of_scenarios[:, 0],
+        direction=total[tally.DIRECTION],
+        means=snapshot.means(replace(whole, sums=whole.sums[:, 0, tally.VECTORS].reshape(-1, 2, 3))),
+        weight=replace(whole, sums=whole.sums[:, :, tally.WEIGHT.start][:, :, None]),
+        lightest=float(lightest),
+        heaviest=float(heaviest),
+        ashore=ashore,
+        steers=steers,
+        effective=float(every.numbers[0] if copied else effective.of_sums(*total[tally.PROBABILITY])),
+        effective_map=float(shown.numbers[0] if copied else spread),
+        effective_status=by_status.numbers if copied else effective.of_sums(status, squares),
+        effective_scenario=by_scenario.numbers if copied else effective.of_sums(*of_scenarios[:, tally.WEIGHT].T),
+        spread=float(spread),
+        effective_worlds=float(worlds.numbers[0]) if last_world >= 0 else np.nan,
+        worlds=1 + last_world,
+    )

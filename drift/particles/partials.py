@@ -153,6 +153,12 @@ def whole(n: int) -> Blocks:
     return cut((0, n), (0,), (BLOCK,))
 
 
+def of_scenarios(scenario: Array) -> Blocks:
+    """Return the blocks of particles by the scenario of each, int (n,) ascending."""
+    bounds = np.searchsorted(scenario, np.arange(scenario.max(initial=0) + 2)).tolist()
+    return cut(bounds, bounds[:-1], [BLOCK] * (len(bounds) - 1))
+
+
 @dataclass(frozen=True)
 class Partial:
     """Sums of some of a run's blocks: what a shard knows of its particles."""

@@ -15,7 +15,16 @@ from drift.particles import partials, status
 from drift.particles.partials import Blocks, Partial
 from geo import sphere
 from geo.array import Array
-from geo.cells import ONE
+from kernels import tally
+from kernels.tally import Swarm
+
+KINDS = np.array(
+    [
+        tally.RESTING if code in status.AT_REST else tally.MOVING if code in status.ON_MAP else tally.HIDDEN
+        for code in status.Status
+    ],
+    np.int32,
+)
 
 
 @dataclass(frozen=True)
@@ -34,12 +43,12 @@ class Snapshot:
     family: Array | None = None  # int: the particle of the beginning from which it descends; None: itself
     world: Array | None = None  # int: the world whose unknowns it shares; None: there are none
     member: Array | None = None  # int: of an ensemble of forcings in which it drifts; None: there is none
-    cut: Blocks | None = None  # blocks by which sums are made; None: by slots alone
+    cut: Blocks | None = None  # blocks by which sums are made; None: those of scenarios that stand one after the other
 
     @property
     def blocks(self) -> Blocks:
         """The blocks by which sums over particles are made."""
-        return self.cut or partials.whole(len(self.lon))
+        return self.cut or partials.of_scenarios(self.scenario)
 
     @property
     def n(self) -> int:
@@ -76,7 +85,12 @@ def mapped(snapshot: Snapshot) -> Array:
 
     They are adrift, under way or at rest, with a probability that cells can hold.
     """
-    return np.asarray(status.on_map(snapshot.status) & (snapshot.probability > 0.5 / ONE))
+    return np.asarray(status.on_map(snapshot.status) & (snapshot.probability > tally.LEAST))
+
+
+def swarm(snapshot: Snapshot) -> Swarm:
+    """Return the particles as their sums are made of them."""
+    return Swarm(snapshot.lon, snapshot.lat, snapshot.probability, snapshot.status, KINDS)
 
 
 @dataclass(frozen=True)
@@ -88,9 +102,9 @@ class Means:
     scenario: Array  # (scenarios, 2), all that is on the map
 
 
-def vectors(snapshot: Snapshot, scenarios: int) -> Partial:
-    """Return what mean positions are made of: summed unit vectors, by scenario and whether at rest."""
-    return vectors_by(snapshot, snapshot.scenario.astype(np.int64) * 2 + status.at_rest(snapshot.status), 2 * scenarios)
+def vectors(snapshot: Snapshot) -> Partial:
+    """Return what mean positions are made of: summed unit vectors of what moves and of what is at rest."""
+    return vectors_by(snapshot, status.at_rest(snapshot.status).astype(np.int64), 2)
 
 
 def vectors_by(snapshot: Snapshot, code: Array, many: int) -> Partial:
@@ -108,12 +122,12 @@ def places(of: Partial) -> Array:
 
 def means(of: Partial) -> Means:
     """Return mean positions from sums that `vectors` gave."""
-    total = of.total.T
-    sums = total.reshape(3, total.shape[1] // 2, 2)
+    moving, rest = of.total
+    by_scenario = of.by_scenario.sum(axis=1)
     return Means(
-        _position(sums.sum(axis=(1, 2))),
-        _position(sums[:, :, 0].sum(axis=1)),
-        np.array([_position(sums[:, i].sum(axis=1)) for i in range(sums.shape[1])]).reshape(-1, 2),
+        _position(moving + rest),
+        _position(moving),
+        np.array([_position(vector) for vector in by_scenario]).reshape(-1, 2),
     )
 
 

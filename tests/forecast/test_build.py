@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 
+import clouds
 import numpy as np
 import pytest
 import shapely
@@ -30,7 +31,7 @@ def snapshot(east, north, *, weight=None, status=None, scenario=None, lon=LON, l
     n = len(east)
     weight = np.ones(n) if weight is None else weight
     x, y = positions(east, north, lon, lat)
-    return Snapshot(
+    return clouds.at(
         time,
         x,
         y,
@@ -301,6 +302,7 @@ def test_probability_adds_up_and_keeps_off_land():
     status[3000:3600] = Status.PENDING
     scenario = rng.choice(3, n, p=[0.6, 0.3, 0.1])
     one = snapshot(east, north, weight=rng.random(n), status=status, scenario=scenario)
+    status, scenario = one.status, one.scenario
     made = forecast_build.build([one], scenarios=["a", "b", "c"], is_land=coast_at(4000))
     data = made.data.isel(time=0)
     on_map = one.probability[status <= Status.ASHORE].sum()
@@ -496,6 +498,7 @@ def test_mean_positions_are_vector_means():
         lon=179.9,
         lat=71.0,
     )
+    status, scenario = one.status, one.scenario
     data = forecast_build.build([one], scenarios=["a", "b"]).data.isel(time=0)
     lon, lat = np.radians(sphere.to_degrees(one.lon)), np.radians(sphere.to_degrees(one.lat))
     xyz = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
+import clouds
 import numpy as np
 import pyproj
 import pytest
@@ -23,7 +24,6 @@ from drift.forecast import build as forecast_build
 from drift.forecast import map as forecast_map
 from drift.forecast.effective import Count
 from drift.maps.imprint import Imprint, Setting
-from drift.particles.snapshot import Snapshot
 from drift.particles.status import Status
 from drift.planner import files as plan_files
 from drift.planner import map as plan_map
@@ -58,7 +58,7 @@ def snapshot(lon, lat, weight, hours, status=Status.ADRIFT, scenario=0, **more):
     place = sphere.to_binary(np.asarray(lon)), sphere.to_binary(np.asarray(lat))
     time = BEGIN + np.timedelta64(hours, "h")
     codes = (np.broadcast_to(np.asarray(code, np.int32), n) for code in (status, scenario))
-    return Snapshot(time, *place, weight / weight.sum(), *codes, **more)
+    return clouds.at(time, *place, weight / weight.sum(), *codes, **more)
 
 
 def cloud(lon=179.7, lat=-38.2, n=N):

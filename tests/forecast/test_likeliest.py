@@ -1,5 +1,6 @@
 """Of many scenarios the likeliest are shown by themselves; what is said of the others together is what all of them say."""
 
+import clouds
 import numpy as np
 import pytest
 
@@ -49,7 +50,7 @@ def snapshots() -> list[Snapshot]:
         probability = weight[scenario] / weight[scenario].sum()
         places = sphere.to_binary(lon + 0.1 * k).astype(np.int32), sphere.to_binary(lat).astype(np.int32)
         when = np.datetime64("2026-11-21T06:00") + np.timedelta64(k, "h")
-        made.append(Snapshot(when, *places, probability, np.zeros(n, np.int32), scenario))
+        made.append(clouds.at(when, *places, probability, np.zeros(n, np.int32), scenario))
     return made
 
 
@@ -73,7 +74,7 @@ def test_maps_of_the_likeliest_and_of_all_others_add_up(snapshots: list[Snapshot
     assert len(tables.numbers(made)["scenarios"]) == MANY
     # ten equal scenarios and one more keep their maps: it is the same map, whoever is shown
     few = build.build(
-        [Snapshot(s.time, s.lon, s.lat, s.probability, s.status, s.scenario % 5) for s in snapshots],
+        [clouds.at(s.time, s.lon, s.lat, s.probability, s.status, s.scenario * 5 // MANY) for s in snapshots],
         scenarios=NAMES[:5],
     )
     np.testing.assert_allclose(few.data["probability"], data["probability"], rtol=1e-6, atol=1e-15)

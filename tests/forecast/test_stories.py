@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import clouds
 import numpy as np
 import pytest
 from PIL import Image
@@ -11,7 +12,6 @@ from drift.forecast import build as forecast_build
 from drift.forecast import chapter, effective, stories, stories_map
 from drift.maps.imprint import Imprint, Setting
 from drift.maps.marks import Line, Mark
-from drift.particles.snapshot import Snapshot
 from drift.particles.status import Status
 from geo import sphere
 
@@ -39,7 +39,7 @@ def made(weights, east=20_000.0, lon=-60.0, learnt=True):
         place = sphere.to_binary(np.degrees(x)), sphere.to_binary(np.degrees(y))
         share = np.full(N, 1 / N) if learnt and not i else weight / weight.sum()
         snapshots.append(
-            Snapshot(time, *place, share, status if i else np.zeros(N, np.int32), scenario.astype(np.int32))
+            clouds.at(time, *place, share, status if i else np.zeros(N, np.int32), scenario.astype(np.int32))
         )
     return forecast_build.build(snapshots, scenarios=[f"story {k}" for k in range(many)]), snapshots
 

@@ -4,10 +4,10 @@ import functools
 import itertools
 import math
 
+import clouds
 import numpy as np
 
 from drift.forecast import build as forecast_build
-from drift.particles.snapshot import Snapshot
 from drift.particles.status import Status
 from drift.planner.records import Alternative, Plan, Tasking
 from drift.search.records import Contact, Fix, Law, PlanSpec, Sortie, Unit, Watch
@@ -152,7 +152,7 @@ class Cloud:
         east, north = self.place(time).T
         x, y = away(self.lon, self.lat, east, north)
         status = np.full(N, Status.ADRIFT, np.int32)
-        return Snapshot(time, sphere.to_binary(x), sphere.to_binary(y), self.weight.copy(), status, self.scenario)
+        return clouds.at(time, sphere.to_binary(x), sphere.to_binary(y), self.weight.copy(), status, self.scenario)
 
     def inside(self, sortie):
         """Return whether each particle is in a sortie's area at its middle."""

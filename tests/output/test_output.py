@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
+import clouds
 import numpy as np
 import pyproj
 import pytest
@@ -25,7 +26,6 @@ from drift.forecast.tracks import Trajectories
 from drift.maps.imprint import Imprint, Setting
 from drift.output import writer
 from drift.output.chapter import Chapter
-from drift.particles.snapshot import Snapshot
 from drift.particles.status import Status
 from geo import notation, sphere
 from geo.errors import UserError
@@ -44,7 +44,7 @@ def scene(lon=179.9, lat=-17.2, n=3000):
         x, y = sphere.destination(np.radians(lon), np.radians(lat), east + 9000 * i, north + 2000 * i)
         status = np.where((np.arange(n) % 10 == 0) & (i == 2), Status.ASHORE, Status.ADRIFT).astype(np.int32)
         snapshots.append(
-            Snapshot(
+            clouds.at(
                 time,
                 sphere.to_binary(np.degrees(x)),
                 sphere.to_binary(np.degrees(y)),

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import clouds
 import numpy as np
 import pytest
 
@@ -21,7 +22,7 @@ def outputs() -> list[Snapshot]:
         lon, lat = (np.asarray(sphere.to_binary(angle)).astype(np.int32) for angle in (7.3 + east, 54.1 + north))
         gone = np.full(N, 3 if k == 1 else 0)
         time = np.datetime64("2026-11-21T18:00") + np.timedelta64(k, "h")
-        found.append(Snapshot(time, lon, lat, np.full(N, 1 / N), gone, np.arange(N) % 2))
+        found.append(clouds.at(time, lon, lat, np.full(N, 1 / N), gone, np.arange(N) % 2))
     return found
 
 
