@@ -122,3 +122,15 @@ def test_nothing_adds_up_to_nothing(way: str) -> None:
     found = tally.summed(none, np.array([0]))
     assert (found.sums.shape, found.lightest.size) == ((0, 12 + 2 * STATUSES), 0)
     assert tally.held([none], WINDOW).size == 0
+
+
+def test_cells_on_the_far_side_of_a_wide_map_hold_what_falls_into_them(way: str) -> None:
+    """A map of 300 degrees, whose eastern cells lie more than half a turn from its corner."""
+    window = Cells(-(2**31) + 12_345, -(2**30), 5 * 2**32 // 6 // 40, 2**31 // 30, 40, 30)
+    own = spread_out()
+    expected = set()
+    for lon, lat, p, status in zip(*(column.tolist() for column in own[:4]), strict=True):
+        column, row = (lon - window.lon0) % 2**32 // window.width, (lat - window.lat0) // window.height
+        if column < window.nlon and row < window.nlat and KINDS[status] != HIDDEN and p > tally.LEAST:
+            expected.add(row * window.nlon + column)
+    np.testing.assert_array_equal(tally.held([own], window), sorted(expected))
