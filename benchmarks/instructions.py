@@ -1,6 +1,6 @@
 """Instructions of PTX that a thread issues for one particle, counted without a card.
 
-It cuts the longest entry of a kernel's PTX into blocks, and takes the shortest way once round its
+It cuts the first loop over particles of a kernel's PTX into blocks, and takes the shortest way once round its
 outer loop: through the block that takes the particle's columns, through the loop over the stages of the
 scheme, which counts once a stage, and through a block that stores whole numbers, as the end of a
 step does. On that way the particle is far from the
@@ -37,9 +37,9 @@ class Block:
         return sum(line.startswith(begin) for line in self.lines)
 
 
-def longest_entry(text: str) -> str:
-    """Return the entry of a file of PTX that has the most text."""
-    return max(re.split(r"(?=\.visible \.entry )", text)[1:], key=len)
+def first_loop(text: str) -> str:
+    """Return the first entry of a file of PTX that is a loop."""
+    return next(entry for entry in re.split(r"(?=\.visible \.entry )", text)[1:] if "range_for(" in entry)
 
 
 def blocks(entry: str) -> dict[str, Block]:
@@ -100,7 +100,7 @@ def shortest(text: str, stages: int) -> Way:
     Raises:
         LookupError: the PTX has no such loops.
     """
-    graph = blocks(longest_entry(text))
+    graph = blocks(first_loop(text))
     order = list(graph)
     turned = [name for name in order if name in graph[name].after]
     loops = [name for name in turned if graph[name].count("ld.f32") or graph[name].count("ld.global.f32")]

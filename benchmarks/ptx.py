@@ -33,7 +33,7 @@ THREADS = 128  # in a block, where PTX does not say
 
 
 class Cost(NamedTuple):
-    """What one variant of a kernel takes: its worst task, spills of all of its functions."""
+    """What one loop of a variant of a kernel takes, with spills of all of its functions."""
 
     occupancy: float
     registers: int
@@ -54,18 +54,17 @@ def make_ptx(driver: Path, out: Path, arch: int) -> None:
     subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL)
 
 
-def measure(path: Path, arch: int, program: str) -> Cost:
-    """Return what ptxas says of a file of PTX."""
+def measure(path: Path, arch: int, program: str) -> list[Cost]:
+    """Return what ptxas says of each loop in a file of PTX, which a card takes one after the other."""
     command = [program, f"-arch=sm_{arch}", "-v", str(path), "-o", "/dev/null"]
     told = subprocess.run(command, check=True, capture_output=True, text=True).stderr
-    spills = re.findall(r"(\d+) bytes spill stores, (\d+) bytes spill loads", told)
-    return worst(list(tasks(told, path.read_text())))._replace(
-        spilled=sum(int(stored) + int(loaded) for stored, loaded in spills)
-    )
+    found = dict(tasks(told, path.read_text()))
+    order = sorted(found, key=lambda name: int(re.search(r"kernel_(\d+)_", name)[1]))
+    return [found[name] for name in order if "range_for" in name] or list(found.values())
 
 
-def tasks(told: str, text: str) -> Iterator[Cost]:
-    """Yield what each task of a kernel takes: Taichi launches them one after the other."""
+def tasks(told: str, text: str) -> Iterator[tuple[str, Cost]]:
+    """Yield what each task of a kernel takes, by name: a loop, or the finding of its bounds."""
     for part in told.split("Compiling entry function")[1:]:
         name = part.split("'")[1]
         registers = int(re.search(r"Used (\d+) registers", part)[1])
@@ -74,7 +73,9 @@ def tasks(told: str, text: str) -> Iterator[Cost]:
         warps = -(-int(limit[1] if limit else THREADS) // 32)
         lot = -(-registers * 32 // UNIT) * UNIT
         blocks = min(REGISTERS // (lot * warps), BLOCKS, WARPS // warps)
-        yield Cost(blocks * warps / WARPS, registers, stack, 0)
+        spills = re.findall(r"(\d+) bytes spill stores, (\d+) bytes spill loads", part)
+        spilled = sum(int(stored) + int(loaded) for stored, loaded in spills)
+        yield name, Cost(blocks * warps / WARPS, registers, stack, spilled)
 
 
 def worst(costs: list[Cost]) -> Cost:
@@ -127,8 +128,10 @@ def main() -> None:
             make_ptx(driver, out, arch)
             files = sorted(out.glob("*.*.*.ptx"))
             costs = pool.map(measure, files, [arch] * len(files), [program] * len(files))
-            for path, cost in zip(files, costs, strict=True):
-                found[path.name.rsplit(".", 2)[0]].setdefault(arch, []).append(cost)
+            for path, each in zip(files, costs, strict=True):
+                for loop, cost in enumerate(each):
+                    name = path.name.rsplit(".", 2)[0] + f", loop {loop + 1}" * (loop > 0)
+                    found[name].setdefault(arch, []).append(cost)
     print("\n".join(table(found, options.arch)))
 
 

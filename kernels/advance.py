@@ -46,6 +46,7 @@ from kernels.velocity import Drifter, drift
 
 FARTHEST = 5.0e8  # longest step accepted [binary angle units], 42 degrees; a longer one counts as invalid
 LONGEST = 1.0e6  # [m] the same where the domain holds a pole
+ASIDE = 10  # numbers that a card puts aside of a particle near the shore
 
 f32x2 = ti.types.vector(2, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
@@ -209,17 +210,17 @@ def _carry(
     i = held.i[0, j]
     if ti.static(features & ERRORS):
         for k in ti.static((errors.CURRENT_ERROR, errors.WIND_ERROR) if features & WIND else (errors.CURRENT_ERROR,)):
-            error = sphere.carried_on(f32x2(held.errors[k, j], held.errors[k + 1, j]), turn)
+            error = sphere.carried_on(f32x2(own.error_rows[k * n + i], own.error_rows[(k + 1) * n + i]), turn)
             own.error_rows[k * n + i], own.error_rows[(k + 1) * n + i] = error[0], error[1]
     if ti.static(features & BIAS):
-        bias = sphere.carried_on(f32x2(held.bias[0, j], held.bias[1, j]), turn)
-        for k in ti.static(range(2)):
-            own.error_rows[(errors.CURRENT_BIAS + k) * n + i] = bias[k]
+        first = errors.CURRENT_BIAS * n + i
+        bias = sphere.carried_on(f32x2(own.error_rows[first], own.error_rows[first + n]), turn)
+        own.error_rows[first], own.error_rows[first + n] = bias[0], bias[1]
 
 
 @ti.func
-def _drifter(features: ti.template(), held: ti.template(), j: ti.i32) -> Drifter:
-    """Return what of particle j of the bundle its drift depends on."""
+def _drifter(features: ti.template(), held: ti.template(), j: ti.i32, asks: ti.f32) -> Drifter:
+    """Return what of particle j of the bundle its drift depends on; asks: 0 where the drift does not count."""
     line = f32x4(0.0)
     if ti.static(features & WIND):
         left = held.side[0, j] < 0
@@ -231,7 +232,8 @@ def _drifter(features: ti.template(), held: ti.template(), j: ti.i32) -> Drifter
     among = 0
     if ti.static(features & MEMBERS):
         among = held.member[0, j]
-    return Drifter(line=line, error=f32x4([held.error[k, j] for k in ti.static(range(4))]), member=among)
+    error = f32x4([held.error[k, j] for k in ti.static(range(4))])
+    return Drifter(line=line, error=error, member=among, asks=asks)
 
 
 @ti.func
@@ -294,11 +296,67 @@ def _refloat(
     for k in range(2):
         when = held.left[0, j] if k == 0 else held.finish[0, j]
         fraction = ti.cast(when - elapsed, ti.f32) / duration
-        r = velocity(features, sea, _drifter(features, held, j), x, y, fraction)
+        r = velocity(features, sea, _drifter(features, held, j, 1.0), x, y, fraction)
         led[k] = r[0] * held.off[0, j] + r[1] * held.off[1, j]
     if led[0] <= 0.0 and led[1] > 0.0:
         waits = led[0] / (led[0] - led[1]) * ti.cast(held.finish[0, j] - held.left[0, j], ti.f32)
         held.left[0, j] = ti.min(held.left[0, j] + ti.cast(ti.ceil(waits), ti.i32) + 1, held.finish[0, j] - 1)
+
+
+@ti.func
+def _put_aside(held: ti.template(), j: ti.i32, bend: f32x4, aside: ti.template(), k: ti.i32):
+    """Put particle j of the bundle, at place k of the batch, aside: the shore may change its step."""
+    row = 1 + ASIDE * ti.atomic_add(aside[0], 1)
+    aside[row] = 2 * k + held.known[0, j]
+    for m in ti.static(range(2)):
+        aside[row + 1 + m] = held.move[m, j]
+    for m in ti.static(range(4)):
+        aside[row + 3 + m] = ti.bit_cast(bend[m], ti.i32)
+    aside[row + 7], aside[row + 8], aside[row + 9] = held.place[0, j], held.place[1, j], held.left[0, j]
+
+
+@ti.func
+def _end(
+    features: ti.template(), held: ti.template(), j: ti.i32, bend: f32x4, core: ti.template(), own: ti.template(),
+    coast: ti.template(), terms: ti.template(), n: ti.i32, elapsed: ti.i32, duration: ti.i32, step: ti.i32,
+):  # fmt: skip
+    """End the step of particle j of the bundle, which moves: on the shore, where it meets it, or where it leads to.
+
+    bend: of its way, see `_bend`; n: length of a row.
+    """
+    i, slot = held.i[0, j], held.slot[0, j]
+    x, y, left, finish = held.place[0, j], held.place[1, j], held.left[0, j], held.finish[0, j]
+    move_lon, move_lat, known = held.move[0, j], held.move[1, j], held.known[0, j] == 1
+    x_end, y_end = x + move_lon, y + move_lat
+    curved = bend
+    met, number, part = 0, -1, ti.cast(1.0, ti.f32)
+    if ti.static(features & COAST):
+        # The shore is asked first: a stage may lie inland, behind it, and find no forcing only for that.
+        if held.far[0, j] == 0:
+            met, x_end, y_end, part, number = shore.meet(
+                ti.static(bool(features & DIFFUSION)), ti.static(bool(features & SLIDE)),
+                x, y, move_lon, move_lat, _flat(features, curved, held.trig[0, j]), held.trig[0, j],
+                held.variance[0, j], terms.coast0, terms.coast1, slot, step, coast,
+            )  # fmt: skip
+        if ti.static(features & SLIDE):
+            if x_end != x + move_lon or y_end != y + move_lat:
+                known = True  # it slid along the shore: a stage that found no forcing lay inland
+    if ti.static(features & POLAR):
+        turned = sphere.convergence(x, y, x_end, y_end)
+        _carry(features, held, j, turned, own, n)
+    if terms.keeps == 1:
+        if met == 1:
+            curved = curve.cut_short(curved, part)
+        elif not known or x_end != x + move_lon or y_end != y + move_lat:  # it slid, or stays
+            curved = f32x4(0.0)
+        if ti.static(features & POLAR):
+            turn = sphere.meridian(x, y)
+            at_first = sphere.carried_back(f32x2(curved[0], curved[1]), turn)
+            at_last = sphere.carried_back(f32x2(curved[2], curved[3]), turn)
+            curved = f32x4(at_first[0], at_first[1], at_last[0], at_last[1])
+        for k in ti.static(range(4)):
+            own.bend[4 * i + k] = curved[k]
+    life.ending(core, terms, i, met, number, part, known, x_end, y_end, left, finish, elapsed + duration)
 
 
 @ti.kernel
@@ -318,10 +376,19 @@ def _advance(
     sea: Sea,
     coast: Coast,
     terms: Terms,
+    aside: Ints,
     elapsed: ti.i32,
     duration: ti.i32,
     step: ti.i32,
 ):
+    # On a card the shore has a part of its own, for the few particles that are near it: its integers of 64 bits take
+    # twice the registers of all else, which each thread would be given.
+    late = ti.static(bool(features & COAST) and bundle.alone())
+    if ti.static(late):
+        aside[0] = 0
+    threads = ti.static(bundle.threads(448 if features & DIFFUSION else 512))  # more would spill registers
+    if ti.static(threads):
+        ti.loop_config(block_dim=threads)
     for block in range((last - first + width - 1) // width):
         held = held_of()
         begin = first + block * width
@@ -329,6 +396,9 @@ def _advance(
         for j in range(ti.min(width, last - begin)):
             i = batch.slot(listed, slots, begin + j)
             _muster(features, i, j, held, core, own, shift, terms, n, elapsed, duration)
+        if ti.static(bundle.alone()):
+            if held.moving[0, 0] == 0:
+                continue
         if ti.static(features & REFLOAT):
             for j in range(width):
                 if held.waits[0, j] == 1:
@@ -340,21 +410,29 @@ def _advance(
             held.trig[0, j], held.trig[1, j] = sphere.cos_lat(held.place[1, j]), sphere.sin_lat(held.place[1, j])
             held.valid[0, j], held.sets_off[0, j] = 1.0, 1.0
         errors.draw(features, width, held, table, terms, step)
+        if ti.static(bundle.alone() and features & DIFFUSION):
+            # The walk is asked for here, so that a card holds it during the stages, and not the dozen numbers of which
+            # it is made.
+            held.valid[0, 0] = ti.select(held.walk[0, 0] + held.walk[1, 0] < sphere.RADIUS, 1.0, 0.0)
+        for j in range(width):
+            if held.moving[0, j] == 1:
+                _keep(features, j, held, own, n)
         scheme = ti.static(integrate.CLASSICAL if features & RK4 else integrate.MIDPOINT)
         # The loop runs at run time: unrolled it takes three times as long to compile and runs no faster.
         for stage in range(ti.static(len(scheme[0]))):
             entry = integrate.tableau(scheme, stage)
             for j in range(width):
                 way = _way(held, j)
+                own_drift = _drifter(features, held, j, way.valid)
                 if ti.static(features & POLAR):
                     way = integrate.lead_over_pole(
-                        velocity, ti.static(bool(features & REFLOAT)), features, sea, _drifter(features, held, j), way,
+                        velocity, ti.static(bool(features & REFLOAT)), features, sea, own_drift, way,
                         held.place[0, j], held.place[1, j], terms.direction * held.dt[0, j],
                         held.begin[0, j] + entry[0] * held.share[0, j], entry, _off(features, held, j),
                     )  # fmt: skip
                 else:
                     way = integrate.lead(
-                        velocity, ti.static(bool(features & REFLOAT)), features, sea, _drifter(features, held, j), way,
+                        velocity, ti.static(bool(features & REFLOAT)), features, sea, own_drift, way,
                         held.place[0, j], held.place[1, j], held.trig[0, j], held.trig[1, j],
                         terms.direction * held.dt[0, j], held.begin[0, j] + entry[0] * held.share[0, j], entry,
                         _off(features, held, j),
@@ -393,14 +471,11 @@ def _advance(
                     far |= ti.min(ti.abs(held.place[1, j]), ti.abs(held.place[1, j] + held.move[1, j])) > POLEWARD
                 held.far[0, j] = ti.cast(far, ti.i32)
         for j in range(width):
-            if held.moving[0, j] == 1:
-                _keep(features, j, held, own, n)
             # Where the drift leads onto the beach, the particle waits for one that leads off it.
             if held.moving[0, j] == 1 and held.sets_off[0, j] > 0.5:
-                i, slot = held.i[0, j], held.slot[0, j]
-                x, y, left, finish = held.place[0, j], held.place[1, j], held.left[0, j], held.finish[0, j]
+                i, x, y = held.i[0, j], held.place[0, j], held.place[1, j]
                 if ti.static(features & REFLOAT):
-                    core.moving_since[i] = left
+                    core.moving_since[i] = held.left[0, j]
                 if ti.static(features & DIVERGENCE):
                     x_half, y_half = (
                         x + ti.cast(0.5 * held.total[0, j], ti.i32),
@@ -409,40 +484,40 @@ def _advance(
                     if ti.static(features & POLAR):
                         x_half, y_half = sphere.exponential(x, y, 0.5 * held.total[0, j], 0.5 * held.total[1, j])
                     core.log_weight[i] -= held.dt[0, j] * integrate.divergence(
-                        velocity, features, sea, _drifter(features, held, j), x_half, y_half,
+                        velocity, features, sea, _drifter(features, held, j, 1.0), x_half, y_half,
                         held.begin[0, j] + 0.5 * held.share[0, j],
                     )  # fmt: skip
-                move_lon, move_lat, known = held.move[0, j], held.move[1, j], held.known[0, j] == 1
-                x_end, y_end = x + move_lon, y + move_lat
-                curved = _bend(features, held, j)
-                met, number, part = 0, -1, ti.cast(1.0, ti.f32)
-                if ti.static(features & COAST):
-                    # The shore is asked first: a stage may lie inland, behind it, and find no forcing only for that.
+                if ti.static(late):
                     if held.far[0, j] == 0:
-                        met, x_end, y_end, part, number = shore.meet(
-                            ti.static(bool(features & DIFFUSION)), ti.static(bool(features & SLIDE)),
-                            x, y, move_lon, move_lat, _flat(features, curved, held.trig[0, j]), held.trig[0, j],
-                            held.variance[0, j], terms.coast0, terms.coast1, slot, step, coast,
+                        _put_aside(held, j, _bend(features, held, j), aside, begin + j - first)
+                    else:
+                        _end(
+                            ti.static(features & ~(COAST | SLIDE)), held, j, _bend(features, held, j),
+                            core, own, coast, terms, n, elapsed, duration, step,
                         )  # fmt: skip
-                    if ti.static(features & SLIDE):
-                        if x_end != x + move_lon or y_end != y + move_lat:
-                            known = True  # it slid along the shore: a stage that found no forcing lay inland
-                if ti.static(features & POLAR):
-                    turned = sphere.convergence(x, y, x_end, y_end)
-                    _carry(features, held, j, turned, own, n)
-                if terms.keeps == 1:
-                    if met == 1:
-                        curved = curve.cut_short(curved, part)
-                    elif not known or x_end != x + move_lon or y_end != y + move_lat:  # it slid, or stays
-                        curved = f32x4(0.0)
-                    if ti.static(features & POLAR):
-                        turn = sphere.meridian(x, y)
-                        at_first = sphere.carried_back(f32x2(curved[0], curved[1]), turn)
-                        at_last = sphere.carried_back(f32x2(curved[2], curved[3]), turn)
-                        curved = f32x4(at_first[0], at_first[1], at_last[0], at_last[1])
-                    for k in ti.static(range(4)):
-                        own.bend[4 * i + k] = curved[k]
-                life.ending(core, terms, i, met, number, part, known, x_end, y_end, left, finish, elapsed + duration)
+                else:
+                    _end(
+                        features, held, j, _bend(features, held, j),
+                        core, own, coast, terms, n, elapsed, duration, step,
+                    )  # fmt: skip
+    if ti.static(late):
+        for p in range(aside[0]):
+            held = held_of()
+            n = core.lon.shape[0]
+            row = 1 + ASIDE * p
+            i = batch.slot(listed, slots, first + (aside[row] >> 1))
+            _muster(features, i, 0, held, core, own, shift, terms, n, elapsed, duration)
+            held.known[0, 0] = aside[row] & 1
+            for m in ti.static(range(2)):
+                held.move[m, 0] = aside[row + 1 + m]
+            curved = f32x4([ti.bit_cast(aside[row + 3 + m], ti.f32) for m in ti.static(range(4))])
+            if ti.static(features & REFLOAT):  # where it left the beach to, and when
+                held.place[0, 0], held.place[1, 0], held.left[0, 0] = aside[row + 7], aside[row + 8], aside[row + 9]
+            held.trig[0, 0] = sphere.cos_lat(held.place[1, 0])
+            if ti.static(features & DIFFUSION):
+                dt = ti.cast(held.finish[0, 0] - held.left[0, 0], ti.f32)
+                held.variance[0, 0] = errors.variance(table, held.story[0, 0], dt)
+            _end(features, held, 0, curved, core, own, coast, terms, n, elapsed, duration, step)
 
 
 class Beach(NamedTuple):
@@ -517,6 +592,11 @@ def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) ->
         | GUIDED * place.guided
         | LAYERS * any(last - first > 1 for first, last in ranges.values())
     )
+
+
+def _set_aside(needed: int, count: int) -> int:
+    """Return how many numbers a card puts aside at most in a step of so many particles: see `_put_aside`."""
+    return 1 + ASIDE * count if bundle.alone() and needed & COAST else 1
 
 
 def advance(
@@ -599,6 +679,7 @@ def mover(
             **place.domain._asdict(),
             "keeps": int(keeps),
         },
+        runtime.empty(_set_aside(needed, own.last - own.first), ti.i32),
         *(0, 1, 0),
     )
     move = launch.bind(_advance, args, ("elapsed", "duration", "step"))

@@ -23,6 +23,20 @@ def width() -> int:
     return WIDTH if runtime.backend() == "cpu" else 1
 
 
+def alone() -> bool:
+    """Return whether a bundle is one particle, as on a card."""
+    return width() == 1
+
+
+def threads(wanted: int) -> int:
+    """Return the threads of a block where their number bounds the registers of a thread; 0: the backend has no such bound.
+
+    Taichi asks CUDA for room for two blocks, so blocks of 512 threads leave each thread 64 of a multiprocessor's 65536
+    registers, and half of its 2048 threads run side by side; blocks of 448 leave 72, and 44 % run.
+    """
+    return wanted if runtime.backend() == "cuda" else 0
+
+
 def held(**rows: Mapping[str, int]) -> Any:
     """Return the structure that a kernel holds of a bundle: matrices of (rows, particles), zero at first.
 

@@ -58,6 +58,12 @@ def jibed(rate: ti.f32, dt: ti.f32, uniform: ti.f32):
 
 
 @ti.func
+def variance(table: ti.template(), story: ti.i32, dt: ti.f32) -> ti.f32:
+    """Return the variance 2 D dt [m2] of a component of a scenario's random walk over dt [s]."""
+    return 2.0 * table[story * ti.static(len(Physics._fields)) + 4] * dt
+
+
+@ti.func
 def walked(walk: f32x2, c: ti.f32, s: ti.f32) -> f32x2:
     """Return (dlon, dlat) [binary angle units] of a random walk (east, north) [m].
 
@@ -110,9 +116,9 @@ def draw(
                 if jibed(table[at + 5], dt, noise.uniform(w[2])):
                     held.side[0, j] = -held.side[0, j]
     for j in range(width):
-        at, dt = held.story[0, j] * ti.static(len(Physics._fields)), held.dt[0, j]
+        at = held.story[0, j] * ti.static(len(Physics._fields))
         if ti.static(features & DIFFUSION):
-            held.variance[0, j] = 2.0 * table[at + 4] * dt
+            held.variance[0, j] = variance(table, held.story[0, j], held.dt[0, j])
             walk = noise.turned(held.log[0, j], held.word[0, j]) * ti.sqrt(held.variance[0, j])
             held.walk[0, j], held.walk[1, j] = walk[0], walk[1]
         if ti.static(features & ERRORS):

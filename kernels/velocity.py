@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from kernels import bundle
 from kernels.features import CURRENT, LAYERS, MEMBERS, STOKES, WIND
 from kernels.sample import of_tile, position, sample
 
@@ -20,6 +21,7 @@ class Drifter:
     line: f32x4  # leeway: slope and offset [m/s] downwind and to the right of downwind
     error: f32x4  # of current and wind, east and north [m/s]
     member: ti.i32  # of an ensemble of forcings; 0 where there is none
+    asks: ti.f32  # 0: the answer does not count
 
 
 @ti.func
@@ -48,6 +50,10 @@ def _of(
     """Return (east, north, valid) [m/s] of a quantity, whose tiles stand at a place of `Sea.ranges`."""
     members = ti.static(bool(features & MEMBERS))
     first, r = sea.ranges[place], f32x3(0.0)
+    if ti.static(bundle.alone()):
+        # What counts changes from stage to stage. So a card reads the numbers of a tile at each stage, from its cache,
+        # and does not hold them in two dozen registers all through the step.
+        first = ti.select(own.asks > 0.5, first, 0)
     if ti.static(features & LAYERS):
         r = sample(members, sea, first, sea.ranges[place + 1], lon, lat, fraction, own.member)
     else:

@@ -121,7 +121,7 @@ def _drift(
     features: ti.template(), sea: Sea, line: f32x4, error: f32x4, lon: Ints, lat: Ints, fraction: ti.f32, out: Reals
 ):
     for i in range(lon.shape[0]):
-        own = velocity.Drifter(line=line, error=error, member=0)
+        own = velocity.Drifter(line=line, error=error, member=0, asks=1.0)
         r = velocity.drift(features, sea, own, lon[i], lat[i], fraction)
         for k in ti.static(range(3)):
             out[3 * i + k] = r[k]
