@@ -211,6 +211,26 @@ def test_a_member_without_values_along_a_dimension_is_one_line(tmp_path: Path) -
         sources.open_source("current", tmp_path / "b.nc", members=True)
 
 
+@pytest.mark.parametrize(
+    "gone", [slice(0, 1), slice(0, 3), slice(1, 4)], ids=["first", "all but the last", "all but the first"]
+)
+def test_a_member_that_has_values_at_one_end_is_taken(tmp_path: Path, gone: slice) -> None:
+    """A run that begins later than the others, or ends sooner, has missing values there."""
+    values = VALUES.copy()
+    values[3, 1, gone] = np.nan
+    together(values=values).to_netcdf(tmp_path / "a.nc")
+    values[3, 0, gone] = np.nan  # a current of one component is none
+    held(sources.open_source("current", tmp_path / "a.nc", members=True), values)
+
+
+def test_members_have_land(tmp_path: Path) -> None:
+    """A little of a slice is enough: most of it may be missing."""
+    values = VALUES.copy()
+    values[..., 2:, :] = np.nan
+    together(values=values).to_netcdf(tmp_path / "a.nc")
+    held(sources.open_source("current", tmp_path / "a.nc", members=True), values)
+
+
 def test_members_must_be_asked_for(tmp_path: Path) -> None:
     together().to_netcdf(tmp_path / "a.nc")
     with pytest.raises(UserError, match=r"variables\.number to an index, or members = true to drift in each"):
