@@ -10,6 +10,7 @@ from kernels import follower, launch, noise, tables
 from kernels.follower import ACTING, HIDING, SEEKING, Cloud, Legs, Own, Rule, Rules
 
 Table = ti.types.ndarray(dtype=ti.f64, ndim=2)
+Ints = ti.types.ndarray(dtype=ti.i32, ndim=2)
 SEED = 0x5EED_1234_0BAD_CAFE
 
 
@@ -164,3 +165,32 @@ def test_one_that_is_free_does_one_thing_of_four() -> None:
     assert ((after[:, Own.RATE] != 1.3e-6) == changed).all()
     assert abs(after[changed, Own.RATE].mean() - 1e-6) < 4 * 2e-6 / np.sqrt(12 * changed.sum())
     assert (whole[:, Own.ACTS] == 5).all()
+
+
+@ti.kernel
+def _places(angle: Ints, course: Table, found: Table, back: Ints):
+    for i in range(course.shape[0]):
+        p = follower.on_sphere(angle[i, 0], angle[i, 1])
+        east, north = follower.frame(p)
+        u = follower.headed(north, east, course[i, 0])
+        for d in ti.static(range(3)):
+            found[i, d], found[i, 3 + d] = p[d], u[d]
+        back[i, 0], back[i, 1] = follower.binary(p)
+
+
+def test_places_and_courses_are_those_of_the_sphere() -> None:
+    """And back to the binary angle, but for one where it is rounded; at a pole north is along the meridian of 0."""
+    random = np.random.default_rng(4)
+    angle = random.integers([-(2**31), -(2**30)], [2**31, 2**30], (2000, 2)).astype(np.int32)
+    angle[:3] = [[0, 2**30], [-(2**31), 5], [7, -(2**30) + 9]]
+    course = random.uniform(0, 7, 2000)
+    found, back = np.zeros((2000, 6)), np.zeros((2000, 2), np.int32)
+    _places(angle, course[:, None], found, back)
+    lon, lat = (angle * (2 * np.pi / 2**32)).T
+    place = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=1)
+    east = np.stack([-np.sin(lon), np.cos(lon), np.zeros(2000)], axis=1)
+    north = np.cross(place, east)
+    way = np.sin(course)[:, None] * east + np.cos(course)[:, None] * north
+    np.testing.assert_allclose(found, np.hstack([place, way]), rtol=0, atol=1e-11)
+    off = (back.astype(np.int64) - angle + 2**31) % 2**32 - 2**31
+    assert np.abs(off[3:]).max() <= 1

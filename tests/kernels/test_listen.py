@@ -17,6 +17,7 @@ from sonars import Sonar, run
 from kernels import listen
 
 Reals = ti.types.ndarray(dtype=ti.f32, ndim=1)
+Reals2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
 Ints = ti.types.ndarray(dtype=ti.i32)
 RANGES = np.concatenate([[0, 500, 1000], np.arange(2000, 760_001.0, 2000)])
 RADIALS = np.arange(0, 360, 24.0)
@@ -172,3 +173,37 @@ def test_nothing_that_comes_into_reach_is_passed_over(sonar: float, target: floa
         )
         assert found[beyond].all()
         assert beyond.sum() > 100
+
+
+@ti.kernel
+def _numbers(way: Reals2, speed: Reals, turn: Reals, level: Reals, paces: Reals, table: Reals, found: Reals2):
+    for i in range(found.shape[0]):
+        found[i, 0] = listen.share_of_turn(listen.f32x2(way[i, 0], way[i, 1]))
+        found[i, 1] = listen.level(level, paces, 1, speed[i])
+        found[i, 2] = listen.round_table(table, 5, 3, 2, turn[i])
+
+
+def test_bearings_levels_and_tables_between_their_entries() -> None:
+    """Levels of the second of three scenarios, of whatever speed; the last of three columns of a table that goes round."""
+    random = np.random.default_rng(6)
+    n = 4000
+    way, speed, turn = random.normal(0, 9e3, (n, 2)), random.uniform(-1, 14, n), random.uniform(-9, 9, n)
+    way[:4] = [[0, 1], [1, 0], [0, -1], [-1, 0]]
+    paces, levels, table = (
+        np.array([1.5, 2.0, 6.5, 11.0]),
+        random.uniform(130, 170, (3, 4)),
+        random.uniform(60, 90, (5, 3)),
+    )
+    found = np.zeros((n, 3), np.float32)
+    _numbers(
+        *(np.ascontiguousarray(x, np.float32) for x in (way, speed, turn, levels.ravel(), paces, table.ravel())), found
+    )
+    bearing = np.arctan2(way[:, 0], way[:, 1]) / (2 * np.pi) % 1
+    off = (found[:, 0] - bearing + 0.5) % 1 - 0.5
+    assert np.abs(off).max() * 2 * np.pi < 1.25e-5  # the formula has 1.2e-5, its book says 1e-5
+    assert ((found[:, 0] >= 0) & (found[:, 0] < 1)).all()
+    np.testing.assert_allclose(found[:, 1], np.interp(speed, paces, levels[1]), rtol=1e-6)
+    around = np.interp(turn % (2 * np.pi), np.linspace(0, 2 * np.pi, 6), np.append(table[:, 2], table[0, 2]))
+    np.testing.assert_allclose(
+        found[:, 2], around, atol=2e-4
+    )  # an angle of 9 rad is known to 5e-7, and slopes are 24 a radian

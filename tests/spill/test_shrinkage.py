@@ -67,3 +67,68 @@ def test_a_constant_alone_is_the_mean_from_wherever_it_begins() -> None:
     for begin in (-9.0, -2.5, 7.0):
         found = shrinkage._fit(np.ones((5, 1)), count, shrinkage.POISSON, begin)
         np.testing.assert_allclose(found, count.mean(), rtol=5e-4)
+
+
+def standardised(latent: np.ndarray) -> np.ndarray:
+    return (latent - latent.mean(axis=0)) / latent.std(axis=0)
+
+
+@pytest.mark.parametrize("worlds", [60, 150, 700])
+def test_worlds_are_like_those_whose_latents_are_nearest(worlds: int) -> None:
+    """By all distances of standardised latents; a latent that is the same in all worlds tells nothing."""
+    random = np.random.default_rng(worlds)
+    latent = random.normal(0, 1, (worlds, 3)) * np.array([3.0, 0.01, 40.0]) + 7
+    made = shrinkage.likeness(np.column_stack([latent[:, :2], np.full(worlds, 5.0), latent[:, 2]]))
+    z = standardised(latent)
+    apart = np.linalg.norm(z[:, None] - z[None], axis=2)
+    np.fill_diagonal(apart, np.inf)
+    near = np.argsort(apart, axis=1)[:, : min(24, worlds // 20)]
+    np.testing.assert_array_equal(np.sort(made.near, axis=1), np.sort(near, axis=1))
+    products = [z[:, i] * z[:, j] for i in range(3) for j in range(i, 3)]
+    wanted = products if worlds >= 100 else [z[:, k] ** 2 for k in range(3)]  # five worlds or more for each of 20 terms
+    np.testing.assert_allclose(made.terms, np.column_stack([np.ones(worlds), z, *wanted]), atol=1e-12)
+    values = random.normal(0, 1, worlds)
+    np.testing.assert_allclose(made.nearby(values), [values[own].sum() for own in near], atol=1e-12)
+
+
+def test_only_worlds_of_one_member_correct_each_other() -> None:
+    random = np.random.default_rng(8)
+    z, member = random.normal(0, 1, (300, 2)), random.integers(0, 5, 300).astype(np.int32)
+    made, values = shrinkage.likeness(z, member), random.normal(0, 1, 300)
+    apart = np.linalg.norm(standardised(z)[:, None] - standardised(z)[None], axis=2)
+    apart[member[:, None] != member] = np.inf
+    np.fill_diagonal(apart, np.inf)
+    near = np.argsort(apart, axis=1)[:, : made.near.shape[1]]
+    assert made.near.shape[1] >= 10
+    np.testing.assert_allclose(made.nearby(values), [values[own].sum() for own in near], atol=1e-12)
+
+
+def test_means_are_in_the_unit_of_what_is_summed() -> None:
+    """Particles that each count 37.2 times as much have means 37.2 times as large."""
+    random = np.random.default_rng(5)
+    z = random.normal(0, 1, (400, 2))
+    parts = random.gamma(2.0, 0.5, (400, 30)) * (random.random((400, 30)) < 0.1 * np.exp(0.4 * z[:, :1]))
+    alike = shrinkage.likeness(z)
+    once, more = (shrinkage.rates(k * parts.sum(1), k**2 * (parts**2).sum(1), 30, alike) for k in (1.0, 37.2))
+    np.testing.assert_allclose(more, 37.2 * once, rtol=1e-9)
+    assert once.mean() == pytest.approx(parts.mean(), rel=0.02)
+    assert np.corrcoef(once, parts.mean(1))[0, 1] > 0.3
+
+
+def test_of_nothing_seen_half_a_particle_in_all_worlds_is_meant_at_most() -> None:
+    alike = shrinkage.likeness(np.random.default_rng(5).normal(0, 1, (400, 2)))
+    for full in (1.0, 6.3):
+        found = shrinkage.rates(np.zeros(400), np.zeros(400), 30, alike, full)
+        assert found.min() > 0
+        assert found.sum() * 30 / full <= 0.5 * (1 + 1e-9)
+
+
+def test_shares_without_noise_are_what_they_are() -> None:
+    """Where the particles of each world have one chance nothing is drawn together."""
+    random = np.random.default_rng(2)
+    z = random.normal(0, 1, (300, 2))
+    mean = special.expit(z[:, 0] + random.normal(0, 1, 300))
+    np.testing.assert_allclose(shrinkage.share(mean, np.zeros(300), 50, shrinkage.likeness(z)), mean, rtol=1e-6)
+    np.testing.assert_array_equal(
+        shrinkage.share(np.zeros(300), np.zeros(300), 50, shrinkage.likeness(z)), np.zeros(300)
+    )
