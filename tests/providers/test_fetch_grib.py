@@ -1,6 +1,7 @@
 """Fetching by a GRIB filter: which run and lead time each time comes from, and fields as eccodes made them."""
 
 import socket
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import parse_qs
 
@@ -142,6 +143,13 @@ def test_no_run_is_asked_for_before_it_is_out(tmp_path: Path, minutes: int, begi
     provider = catalogue.read(own)["filter"]
     order = Order(provider, Box(4.0, 59.0, 7.0, 61.0), first, last, 5.0, asked)
     told = [(time, parse_qs(address.partition("?")[2])) for time, address in grib_filter._stated(order)]
+    asked_for = {key: {query[key][0] for _, query in told} for key in ("leftlon", "rightlon", "bottomlat", "toplat")}
+    assert asked_for == {
+        "leftlon": {"3.50"},
+        "rightlon": {"7.50"},
+        "bottomlat": {"58.50"},
+        "toplat": {"61.50"},
+    }  # two cells more
     runs = RUN + 6 * HOUR * np.arange(-6, 7)
     out = runs[runs + 5 * HOUR <= asked]  # five hours after they began
     expected = []
@@ -157,3 +165,26 @@ def test_no_run_is_asked_for_before_it_is_out(tmp_path: Path, minutes: int, begi
         day, hour = str(run)[:10].replace("-", ""), str(run)[11:13]
         assert query["dir"] == [f"/gfs.{day}/{hour}/atmos"]
         assert query["file"] == [f"gfs.t{hour}z.f{lead:03d}"]
+
+
+def test_parts_hold_all_times_and_are_known_again(tmp_path: Path) -> None:
+    """At most twelve times each, of two components of 17 x 13 nodes in two bytes; others have keys of their own."""
+    own = tmp_path / "own.toml"
+    own.write_text(OWN.format(address="http://127.0.0.1:9"), encoding="utf-8")
+    provider = catalogue.read(own)["filter"]
+    order = Order(provider, Box(4.0, 59.0, 7.0, 61.0), RUN - 20 * HOUR, RUN + 13 * HOUR, 5.0, NOW)
+    parts_of = grib_filter.ship(order).parts
+    times = [time for time, _ in grib_filter._stated(order)]
+    assert np.concatenate([part.times for part in parts_of]).tolist() == [time.item() for time in times]
+    assert [len(part.times) for part in parts_of] == [12] * (len(times) // 12) + [len(times) % 12]
+    assert grib_filter.ship(order).size == pytest.approx(len(times) * 2 * 17 * 13 * 2)
+    changed = (
+        replace(order, box=Box(4.0, 59.0, 7.25, 61.0)), replace(order, begin=RUN - 13 * HOUR),
+        replace(order, asked=NOW + 6 * HOUR), replace(order, provider=replace(provider, name="other")),
+    )  # fmt: skip
+    keys = [{part.key for part in grib_filter.ship(one).parts} for one in (order, *changed)]
+    assert keys[0] == {part.key for part in grib_filter.ship(replace(order, timeout=9.0)).parts}
+    for k, other in enumerate(keys[1:], 1):
+        assert len(keys[0] | other) > len(keys[0]), k
+    for k in (1, 4):
+        assert not keys[0] & keys[k]

@@ -62,6 +62,42 @@ def test_the_whole_circle() -> None:
     assert found == window.Window((0, 17), ((0, 36),), (0.0,), True)
 
 
+@pytest.mark.parametrize(
+    ("lon", "lat", "south", "north", "whole"),
+    [
+        (
+            np.arange(0, 360, 10.0),
+            np.arange(-85, 86, 10.0),
+            -90,
+            90,
+            True,
+        ),  # rows in the middle of their cells: none is nearer to a pole
+        (np.arange(0, 360, 10.0), np.arange(-85, 80, 10.0), -90, 90, False),
+        (np.arange(0, 360, 10.0), np.arange(-75, 86, 10.0), -90, 90, False),
+        (np.arange(0, 340, 10.0), np.arange(-85, 86, 10.0), -60, 60, False),
+        (np.arange(-180, 181, 10.0), np.arange(-85, 86, 10.0), -60, 60, True),
+    ],
+    ids=["all", "not in the north", "not in the south", "not all round", "a meridian twice"],
+)
+def test_what_goes_round_may_lack_something(
+    lon: np.ndarray, lat: np.ndarray, south: float, north: float, whole: bool
+) -> None:
+    found = window.along_axes(lon, lat, Box(-180, south, 180, north))
+    assert found is not None
+    assert found.runs == ((0, lon.size),)
+    assert found.whole == whole
+
+
+@pytest.mark.parametrize(
+    ("south", "north", "whole"), [(70, 90, True), (-90, -70, True), (70, 88, True), (-90, 80, True)]
+)
+def test_a_box_to_a_pole_needs_a_row_within_a_cell_of_it(south: float, north: float, whole: bool) -> None:
+    for lat, held in ((np.arange(-88.75, 89, 2.5), whole), (np.arange(-83.75, 84, 2.5), False)):
+        found = window.along_axes(np.arange(0, 360, 2.5), lat, Box(10, south, 41, north))
+        assert found is not None
+        assert found.whole == held
+
+
 def bent(lon: float, lat: float) -> tuple[np.ndarray, np.ndarray]:
     """Return a curvilinear grid (23, 31) [deg] about a place, turned by 0.3 rad, whose rows bend; longitudes in [-180, 180)."""
     row, column = np.mgrid[-11:12, -15:16].astype(float)
