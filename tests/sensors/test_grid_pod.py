@@ -59,3 +59,53 @@ def test_at_places_and_between_times() -> None:
         found = grid_pod.chance(grid, (0.0, 0.0), times[0] + seconds, (x + np.pi) % (2 * np.pi) - np.pi, y)
         np.testing.assert_allclose(found, read(np.stack([y, x], axis=1)), atol=1e-6)
         assert (found == 0).any()
+
+
+@pytest.mark.parametrize(
+    ("ranges", "rings"),
+    [
+        (np.arange(1, 41) * 250.0, 40),  # as they are
+        (np.array([100.0, 130.0, 400.0, 2000.0, 9100.0]), 301),  # as far apart as those nearest to each other
+        (np.array([100.0, 1300.0, 4000.0]), 200),
+        (np.array([0.0, 0.5, 9000.0]), 4000),
+    ],
+    ids=["even", "uneven", "few", "too many"],
+)
+def test_rings_are_as_fine_as_the_ranges(ranges: np.ndarray, rings: int) -> None:
+    """POD is straight between ranges and bearings, whatever is laid between them."""
+    random = np.random.default_rng(ranges.size)
+    bearing = np.arange(12) * np.pi / 6
+    pod = random.random((1, 12, ranges.size)).astype(np.float32)
+    grid = PodGrid(pod, NEVER, bearing=bearing, range=ranges, per=900.0)
+    made = grid_pod.tables(grid, np.datetime64("2026-01-01"), 60.0)
+    assert made.kind == glimpse.ROUND
+    assert made.table.shape[1] == rings
+    assert made.rate == pytest.approx(1 / 900)
+    assert made.nearest == ranges[0]
+    at = ranges[0] + made.between * np.arange(rings)
+    assert at[-1] == pytest.approx(ranges[-1])
+    turn = np.linspace(0, 2 * np.pi, made.table.shape[0], endpoint=False)
+    closed = RegularGridInterpolator((np.append(bearing, 2 * np.pi), ranges), np.vstack([pod[0], pod[0][:1]]))
+    expected = closed(np.stack(np.meshgrid(turn, np.clip(at, ranges[0], ranges[-1]), indexing="ij"), axis=-1))
+    np.testing.assert_allclose(made.table, expected, atol=2e-6)
+
+
+@pytest.mark.parametrize("bearing", [np.radians([10.0, 47.0, 200.0, 331.0]), np.zeros(1)], ids=["uneven", "all round"])
+def test_round_a_sensor(bearing: np.ndarray) -> None:
+    """By pyproj's bearings and ranges, across the antimeridian: nearer than the first range as there, beyond the last nothing."""
+    random = np.random.default_rng(5)
+    ranges = np.array([500.0, 1200.0, 5000.0, 7300.0])
+    pod = random.uniform(0.1, 0.9, (1, bearing.size, 4)).astype(np.float32)
+    grid = PodGrid(pod, NEVER, bearing=bearing, range=ranges)
+    turn, far = random.uniform(0, 360, 600), np.append(random.uniform(10, 9000, 598), [7299.5, 7300.5])
+    lon, lat, _ = GEOD.fwd(np.full(600, 179.99), np.full(600, 62.1), turn, far)
+    found = grid_pod.chance(
+        grid, tuple(np.radians([179.99, 62.1])), np.datetime64("2026-01-01"), np.radians(lon), np.radians(lat)
+    )
+    by_range = np.array([np.interp(far, ranges, row) for row in pod[0]])
+    expected = [
+        np.interp(t, bearing, row, period=2 * np.pi) for t, row in zip(np.radians(turn), by_range.T, strict=True)
+    ]
+    np.testing.assert_allclose(
+        found, np.where(far <= 7300, expected, 0.0), atol=1e-4
+    )  # bearings on the sphere, to 1e-4

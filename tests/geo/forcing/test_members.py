@@ -211,6 +211,24 @@ def test_a_member_without_values_along_a_dimension_is_one_line(tmp_path: Path) -
         sources.open_source("current", tmp_path / "b.nc", members=True)
 
 
+def test_members_along_two_dimensions_are_not_paired(tmp_path: Path) -> None:
+    """As many as there are of each: nothing says which of them go together."""
+    data = together()
+    data["vo"] = data["vo"].rename(number="ens")
+    data.to_netcdf(tmp_path / "a.nc")
+    with pytest.raises(UserError, match=r"uo has 5 along number and vo has 5 along ens"):
+        sources.open_source("current", tmp_path / "a.nc", members=True)
+
+
+def test_points_of_members_may_differ_by_what_rounding_leaves(tmp_path: Path) -> None:
+    entries = []
+    for k in range(3):
+        dataset(VALUES[k], ("time", "lat", "lon"), lon=LON + 2e-6 * k).to_netcdf(tmp_path / f"{k}.nc")
+        entries.append([str(tmp_path / f"{k}.nc")])
+    source = sources.open_source("current", [path for (path,) in entries], members=True, entries=entries)
+    held(source, VALUES[:3])
+
+
 @pytest.mark.parametrize(
     "gone", [slice(0, 1), slice(0, 3), slice(1, 4)], ids=["first", "all but the last", "all but the first"]
 )
