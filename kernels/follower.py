@@ -168,14 +168,16 @@ def headed(north: f64x3, east: f64x3, course: ti.f64) -> f64x3:
 
 @ti.func
 def tracker_at(legs: ti.template(), first: ti.i32, last: ti.i32, time: ti.f64):
-    """Return (place, tangent, rate) of a tracker at a time [s]."""
+    """Return (place, tangent, rate) of a tracker at a time [s]; before its way and after it, it stays."""
     leg = first
     while leg + 1 < last and legs.leg_real[leg + 1, Leg.TIME] <= time:
         leg += 1
     p, u = vector(legs.leg_real, leg, Leg.PLACE), vector(legs.leg_real, leg, Leg.WAY)
-    angle = legs.leg_real[leg, Leg.RATE] * ti.max(time - legs.leg_real[leg, Leg.TIME], ti.f64(0.0))
-    s, c = doubles.sincos(angle)
-    return p * c + u * s, u * c - p * s, legs.leg_real[leg, Leg.RATE]
+    since, rate = time - legs.leg_real[leg, Leg.TIME], legs.leg_real[leg, Leg.RATE]
+    if since < 0.0:
+        since, rate = ti.f64(0.0), ti.f64(0.0)
+    s, c = doubles.sincos(rate * since)
+    return p * c + u * s, u * c - p * s, rate
 
 
 @ti.func

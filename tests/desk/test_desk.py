@@ -158,6 +158,59 @@ def test_a_slow_body_is_given_up(served: Server, monkeypatch: pytest.MonkeyPatch
     assert served.ask("POST", "/api/cases/x.toml", b"{", Content_Length="10")[0] == 408
 
 
+LEAST = b'{"text": ""}'
+
+
+def through_the_gate(pieces: list[bytes], told: int, ends: bool = True) -> tuple[int, int, Any]:
+    """Return the status, how many pieces of a body were taken, and what was passed on; told: its length as its header has it."""
+    secret, taken, passed, answer = gate.Secret(), [], [], []
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        passed.append(scope["body"])
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    async def receive() -> dict[str, Any]:
+        taken.append(len(taken))
+        if len(taken) > len(pieces):
+            return {"type": "http.disconnect"}
+        return {"type": "http.request", "body": pieces[taken[-1]], "more_body": not ends or len(taken) < len(pieces)}
+
+    async def send(message: dict[str, Any]) -> None:
+        answer.append(message)
+
+    headers = {
+        "host": "127.0.0.1:8123", "origin": "http://127.0.0.1:8123", "cookie": f"drift-8123={secret.cookie}",
+        "content-type": "application/json", "content-length": str(told),
+    }  # fmt: skip
+    scope = {
+        "type": "http", "method": "POST", "path": "/api/jobs", "raw_path": b"/api/jobs", "query_string": b"",
+        "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
+    }  # fmt: skip
+    asyncio.run(gate.Gate(app, ("127.0.0.1:8123",), secret)(scope, receive, send))
+    return answer[0]["status"], len(taken), passed
+
+
+@pytest.mark.parametrize("many", [1, 7])
+@pytest.mark.parametrize("more", [0, 1])
+def test_a_body_is_as_long_as_what_comes_not_as_it_says(many: int, more: int) -> None:
+    """Two MiB are taken, in pieces too, and not one letter more: the server before us may be another one day."""
+    text = b'{"text": "' + b"x" * (2 * 2**20 + more - len(LEAST)) + b'"}'
+    step = -(-len(text) // many)
+    status, _, passed = through_the_gate([text[k : k + step] for k in range(0, len(text), step)], told=17)
+    assert status == (413 if more else 200)
+    assert len(passed) == (not more)
+
+
+def test_of_a_body_without_end_no_more_is_taken_than_is_allowed() -> None:
+    piece = b" " * 700_000
+    assert through_the_gate([piece] * 40, told=17)[:2] == (413, 3)
+
+
+def test_a_body_that_breaks_off_is_none() -> None:
+    assert through_the_gate([LEAST], told=17, ends=False) == (400, 2, [])
+    assert through_the_gate([LEAST[:5], LEAST[5:]], told=17) == (200, 2, [{"text": ""}])
+
+
 def test_a_part_of_a_key_is_no_key(served: Server) -> None:
     """Neither an empty value of our own cookie, nor the beginning of the right one, nor of the token."""
     secret = served.secret
@@ -272,6 +325,24 @@ def test_the_list_holds_whole_runs_and_cases_of_the_folder(served: Server) -> No
 @pytest.mark.parametrize("name", ["a.toml", "Bergen båt 2.toml", "x_1-b (2)+.toml"])
 def test_plain_names_are_taken(name: str) -> None:
     assert names.case(name)
+
+
+@pytest.mark.parametrize("name", ["a", "a" * 100, "a.b.c", "console.toml", "com", "com12", "lpt.x", "an con", "x-"])
+def test_what_only_looks_like_no_name_is_one(name: str) -> None:
+    assert names.plain(name)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "", "a" * 101, ".", "..", ".a", "-a", " a", "+a", "a..b", "a/b", "a\\b", "a:b", "a*", "a?", 'a"', "a<b", "a|b", "a~1", "a%2e", "a\n",
+        "a\n.toml", "a\0", "a\t", "a.", "a.toml.", "a.toml ", "a.toml. ", "a .", "con", "PRN", "Aux.toml", "nul.a.toml", "Com1", "com9.toml", "lpt0.x",
+    ],
+)  # fmt: skip
+def test_names_that_some_system_takes_for_others_are_none(name: str) -> None:
+    """Windows leaves out dots and spaces at the end, and has devices (Microsoft, Naming Files, Paths, and Namespaces)."""
+    assert not names.plain(name)
+    assert not names.case(name)
 
 
 @pytest.mark.parametrize(

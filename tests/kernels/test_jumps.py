@@ -210,3 +210,49 @@ def test_settled_is_the_same_as_silence_and_forgets():
     assert found[0] == pytest.approx(found[1], rel=1e-6)
     assert found[3] == 1
     assert found[4] - found[2] == pytest.approx(math.log(0.7), rel=1e-5)
+
+
+@ti.kernel
+def _looks(p: Reals, quiet: Reals, rate: ti.f32, pieces: ti.i32, found: Reals):
+    for _ in range(1):
+        silence = jumps.at_first()
+        for k in range(p.shape[0]):
+            silence = jumps.after(silence, p[k], rate, 0.0)
+            for _piece in range(pieces):
+                silence = jumps.settled(silence, rate, quiet[k] / pieces)
+        found[0], found[1] = jumps.log_missed(silence), ti.cast(silence.many, ti.f32)
+
+
+def missed_looks(p, quiet, rate):
+    """Return the probability that looks hear nothing, over all ways to jump or not between them.
+
+    Looks between which the fluctuation does not jump are one, as good as the best of them; after a jump it is another one.
+    """
+    total = 0.0
+    stays = np.exp(-rate * np.asarray(quiet[: len(p) - 1]))
+    for jumped in np.ndindex(*[2] * (len(p) - 1)):
+        ways = np.prod(np.where(jumped, 1 - stays, stays))
+        groups = np.split(np.asarray(p), np.flatnonzero(jumped) + 1)
+        total += ways * np.prod([1 - max(group) for group in groups])
+    return float(total)
+
+
+@pytest.mark.parametrize("pieces", [1, 5])
+@pytest.mark.parametrize("wait", [0.03, 0.7, 2.9, 5.3, 7.6, 9.4, 13.0])
+def test_what_was_heard_is_not_forgotten_before_next_to_nothing_is_left_of_it(wait: float, pieces: int) -> None:
+    """Looks with silence in between, of mean times until a jump: what is forgotten is 1e-5 of a step (EVEN) each time."""
+    rate = 1.7 / HOUR
+    p = np.array([0.31, 0.68, 0.22, 0.55, 0.83, 0.47])
+    quiet = np.array([1.0, 0.3, 1.1, 0.94, 0.6, 0.0]) * wait / rate
+    found = np.zeros(3, np.float32)
+    _looks(p.astype(np.float32), quiet.astype(np.float32), rate, pieces, found)
+    assert math.exp(found[0]) == pytest.approx(missed_looks(p, quiet, rate), rel=3e-5)
+
+
+def test_what_was_heard_is_forgotten_when_next_to_nothing_is_left_of_it() -> None:
+    """The step of a look of 0.4 is 1 / 0.6 high: after a time t it is so by 1e-5 of 1 where e^(-lambda t) = 0.6e-5."""
+    rate = 1.7 / HOUR
+    for waited, kept in ((11.7, True), (12.3, False)):
+        found = np.zeros(3, np.float32)
+        _looks(np.array([0.4], np.float32), np.array([waited / rate], np.float32), rate, 1, found)
+        assert (found[1] > 1) == kept

@@ -7,13 +7,18 @@ that of pyproj's geodesics.
 from pathlib import Path
 
 import numpy as np
+import pyproj
 import pytest
 import sonars
+import taichi as ti
 from scipy import interpolate, special
 from sonars import Sonar, run
 
 from kernels import listen
 
+Reals = ti.types.ndarray(dtype=ti.f32, ndim=1)
+Reals2 = ti.types.ndarray(dtype=ti.f32, ndim=2)
+Ints = ti.types.ndarray(dtype=ti.i32)
 RANGES = np.concatenate([[0, 500, 1000], np.arange(2000, 760_001.0, 2000)])
 RADIALS = np.arange(0, 360, 24.0)
 WATCH = '[[sortie]]\nname = "w"\nstart = "+0.4 h"\nend = "+4.9 h"\nwatch = { sensor = "ears" }\n'
@@ -113,3 +118,92 @@ def test_between_the_ends_of_a_part_nothing_is_louder_than_the_limits_say() -> N
     assert max(changed) <= 3 * listen.STEEP + 1e-3
     assert max(beyond) > 0.5 * listen.HIDDEN  # and they are not as short as that nothing could be
     assert np.mean(np.array(parts) > far / (rings - 1)) > 0.2
+
+
+@ti.kernel
+def _out_of_reach(ear: listen.Ear, at: Ints, stray: Reals, found: Ints):
+    for i in range(found.shape[0]):
+        found[i] = listen.out_of_reach(ear, at[i, 0], at[i, 1], at[i, 2], at[i, 3], stray[i])
+
+
+def track(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Return lon, lat [deg] on a way straight in longitude and latitude, (n, shares, 2), across the antimeridian too."""
+    d = end - begin
+    d[..., 0] = (d[..., 0] + 180) % 360 - 180
+    return begin[:, None] + share[:, None] * d[:, None]
+
+
+@pytest.mark.parametrize(("sonar", "target"), [(40e3, 3e3), (2e3, 30e3), (25e3, 25e3), (0.0, 0.0)])
+def test_nothing_that_comes_into_reach_is_passed_over(sonar: float, target: float) -> None:
+    """Both go so far [m], and the target strays from its way: how near they come anywhere on it, by pyproj.
+
+    What is out of reach by all that they go in longitude and latitude, as if at the equator, and a ring of the table, is passed over.
+    """
+    random = np.random.default_rng(17)
+    far, n, share = 60_000.0, 2000, np.linspace(0, 1, 33)
+    loud = np.array([[190.0]], np.float32)
+    tables = listen.Tables(np.full((4, 121), 70, np.float32), 0.0, far / 120, np.zeros(8, np.float32), loud, np.zeros(1, np.float32), 6.0, 1e-3)  # fmt: skip
+    geod = pyproj.Geod(a=listen.sphere.RADIUS, b=listen.sphere.RADIUS)
+    turn = 2**32 / 360
+    for begin in ((179.7, 47.6), (-33.1, -62.3)):
+        own = np.array([begin, geod.fwd(*begin, 63.0, sonar)[:2]])
+        low, high = (tuple(int(v) for v in np.round(((x + 180) % 360 - 180) * turn)) for x in own)
+        stretch = listen.Stretch(0.0, 3600.0, (low[0], low[1]), (high[0], high[1]))
+        laid = listen.laid(stretch, tables, np.zeros(1, np.float32))
+        away = random.uniform(0.7, 1.3, n) * far + random.uniform(-0.5, 4.0, n) * (sonar + target)
+        ahead = np.where(random.random(n) < 0.5, random.uniform(30, 100, n), random.uniform(0, 360, n))
+        x, y, _ = geod.fwd(*(np.full(n, v) for v in begin), ahead, np.abs(away))
+        to = geod.fwd(x, y, random.uniform(0, 360, n), np.full(n, target))[:2]
+        stray = random.uniform(0, 4000, n).astype(np.float32)
+        places = np.stack([x, y, *to], axis=1)
+        at = np.round(np.where([True, False, True, False], (places + 180) % 360 - 180, places) * turn).astype(np.int32)
+        found = np.zeros(n, np.int32)
+        _out_of_reach(laid.ear, at, stray, found)
+        one, other = track(places[:, :2], places[:, 2:].copy(), share), track(own[:1], own[1:].copy(), share)
+        other = np.broadcast_to(other, one.shape)
+        apart = geod.inv(other[..., 0], other[..., 1], one[..., 0], one[..., 1])[2]
+        least = apart.min(axis=1)
+        assert not found[least - stray <= far].any()
+        assert np.sum(least - stray <= far) > 100
+        goes = sum(
+            np.abs((d + 180) % 360 - 180).sum(axis=1) for d in (places[:, 2:] - places[:, :2], own[1:] - own[:1])
+        )
+        beyond = (
+            apart[:, 0] > 1.01 * (far + stray + np.radians(goes) * listen.sphere.RADIUS) + far / 120 + listen.MARGIN
+        )
+        assert found[beyond].all()
+        assert beyond.sum() > 100
+
+
+@ti.kernel
+def _numbers(way: Reals2, speed: Reals, turn: Reals, level: Reals, paces: Reals, table: Reals, found: Reals2):
+    for i in range(found.shape[0]):
+        found[i, 0] = listen.share_of_turn(listen.f32x2(way[i, 0], way[i, 1]))
+        found[i, 1] = listen.level(level, paces, 1, speed[i])
+        found[i, 2] = listen.round_table(table, 5, 3, 2, turn[i])
+
+
+def test_bearings_levels_and_tables_between_their_entries() -> None:
+    """Levels of the second of three scenarios, of whatever speed; the last of three columns of a table that goes round."""
+    random = np.random.default_rng(6)
+    n = 4000
+    way, speed, turn = random.normal(0, 9e3, (n, 2)), random.uniform(-1, 14, n), random.uniform(-9, 9, n)
+    way[:4] = [[0, 1], [1, 0], [0, -1], [-1, 0]]
+    paces, levels, table = (
+        np.array([1.5, 2.0, 6.5, 11.0]),
+        random.uniform(130, 170, (3, 4)),
+        random.uniform(60, 90, (5, 3)),
+    )
+    found = np.zeros((n, 3), np.float32)
+    _numbers(
+        *(np.ascontiguousarray(x, np.float32) for x in (way, speed, turn, levels.ravel(), paces, table.ravel())), found
+    )
+    bearing = np.arctan2(way[:, 0], way[:, 1]) / (2 * np.pi) % 1
+    off = (found[:, 0] - bearing + 0.5) % 1 - 0.5
+    assert np.abs(off).max() * 2 * np.pi < 1.25e-5  # the formula has 1.2e-5, its book says 1e-5
+    assert ((found[:, 0] >= 0) & (found[:, 0] < 1)).all()
+    np.testing.assert_allclose(found[:, 1], np.interp(speed, paces, levels[1]), rtol=1e-6)
+    around = np.interp(turn % (2 * np.pi), np.linspace(0, 2 * np.pi, 6), np.append(table[:, 2], table[0, 2]))
+    np.testing.assert_allclose(
+        found[:, 2], around, atol=2e-4
+    )  # an angle of 9 rad is known to 5e-7, and slopes are 24 a radian

@@ -1,6 +1,7 @@
 """Fetching by a GRIB filter: which run and lead time each time comes from, and fields as eccodes made them."""
 
 import socket
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import parse_qs
 
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 
 import drift
-from drift.providers import fetching, parts
+from drift.providers import catalogue, fetching, grib_filter, parts
+from drift.providers.order import Order
+from geo.box import Box
 from geo.errors import UserError
 from geo.forcing import sources
 
@@ -124,3 +127,64 @@ def test_other_times_are_refused(tmp_path: Path) -> None:
         fetched(tmp_path, "http://127.0.0.1:9", NOW - 30 * 24 * HOUR, NOW, (4.0, 59.0, 7.0, 61.0))
     with pytest.raises(UserError, match="is more than its last run holds"):
         fetched(tmp_path, "http://127.0.0.1:9", NOW, NOW + 60 * HOUR, (4.0, 59.0, 7.0, 61.0))
+
+
+LEADS = (0, 1, 2, 3, 4, *range(6, 31, 3))  # hours after its begin that a run has, by OWN
+
+
+@pytest.mark.parametrize("minutes", [0, 37, 299, 300, 317, 359, 360, 521, 660])
+@pytest.mark.parametrize("begin", [-13.4, -8.0, 2.3, 5.2])
+def test_no_run_is_asked_for_before_it_is_out(tmp_path: Path, minutes: int, begin: float) -> None:
+    """By the hour: each from the last run that had begun by then and is out, where that run has it."""
+    own = tmp_path / "own.toml"
+    own.write_text(OWN.format(address="http://127.0.0.1:9"), encoding="utf-8")
+    asked = RUN + np.timedelta64(60 * minutes, "s")
+    first, last = (RUN + np.timedelta64(round(3600 * x), "s") for x in (begin, begin + 15.6))
+    provider = catalogue.read(own)["filter"]
+    order = Order(provider, Box(4.0, 59.0, 7.0, 61.0), first, last, 5.0, asked)
+    told = [(time, parse_qs(address.partition("?")[2])) for time, address in grib_filter._stated(order)]
+    asked_for = {key: {query[key][0] for _, query in told} for key in ("leftlon", "rightlon", "bottomlat", "toplat")}
+    assert asked_for == {
+        "leftlon": {"3.50"},
+        "rightlon": {"7.50"},
+        "bottomlat": {"58.50"},
+        "toplat": {"61.50"},
+    }  # two cells more
+    runs = RUN + 6 * HOUR * np.arange(-6, 7)
+    out = runs[runs + 5 * HOUR <= asked]  # five hours after they began
+    expected = []
+    for time in (RUN - 24 * HOUR) + HOUR * np.arange(72):
+        run = out[out <= time].max()
+        lead = int((time - run) / HOUR)
+        if lead in LEADS:
+            expected.append((time, run, lead))
+    low = max(k for k, (time, *_) in enumerate(expected) if time <= first)
+    high = min(k for k, (time, *_) in enumerate(expected) if time >= last)
+    assert [time for time, _ in told] == [time for time, *_ in expected[low : high + 1]]
+    for (_, query), (_, run, lead) in zip(told, expected[low : high + 1], strict=True):
+        day, hour = str(run)[:10].replace("-", ""), str(run)[11:13]
+        assert query["dir"] == [f"/gfs.{day}/{hour}/atmos"]
+        assert query["file"] == [f"gfs.t{hour}z.f{lead:03d}"]
+
+
+def test_parts_hold_all_times_and_are_known_again(tmp_path: Path) -> None:
+    """At most twelve times each, of two components of 17 x 13 nodes in two bytes; others have keys of their own."""
+    own = tmp_path / "own.toml"
+    own.write_text(OWN.format(address="http://127.0.0.1:9"), encoding="utf-8")
+    provider = catalogue.read(own)["filter"]
+    order = Order(provider, Box(4.0, 59.0, 7.0, 61.0), RUN - 20 * HOUR, RUN + 13 * HOUR, 5.0, NOW)
+    parts_of = grib_filter.ship(order).parts
+    times = [time for time, _ in grib_filter._stated(order)]
+    assert np.concatenate([part.times for part in parts_of]).tolist() == [time.item() for time in times]
+    assert [len(part.times) for part in parts_of] == [12] * (len(times) // 12) + [len(times) % 12]
+    assert grib_filter.ship(order).size == pytest.approx(len(times) * 2 * 17 * 13 * 2)
+    changed = (
+        replace(order, box=Box(4.0, 59.0, 7.25, 61.0)), replace(order, begin=RUN - 13 * HOUR),
+        replace(order, asked=NOW + 6 * HOUR), replace(order, provider=replace(provider, name="other")),
+    )  # fmt: skip
+    keys = [{part.key for part in grib_filter.ship(one).parts} for one in (order, *changed)]
+    assert keys[0] == {part.key for part in grib_filter.ship(replace(order, timeout=9.0)).parts}
+    for k, other in enumerate(keys[1:], 1):
+        assert len(keys[0] | other) > len(keys[0]), k
+    for k in (1, 4):
+        assert not keys[0] & keys[k]

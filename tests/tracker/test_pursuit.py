@@ -304,3 +304,50 @@ def test_a_destination_is_out_of_reach_where_the_great_circle_to_it_is_longer_th
         question = asked(aim="avoid", to=(math.radians(lon), math.radians(lat)))
         with pytest.raises(ValueError, match=words) if beyond else nullcontext():
             pursuit.check(question)
+
+
+def lowest(cost: Array, start: Cell, goal: Cell | None) -> float:
+    """Return the least sum of costs (steps, rows, columns) of cells entered on any way, by going back from the end over all cells."""
+    steps, rows, columns = cost.shape
+    onward = np.full((rows, columns), 0.0 if goal is None else np.inf)
+    for k in range(steps - 1, -1, -1):
+        if goal is not None:
+            onward[goal] = 0.0
+        entered = np.pad(cost[k] + onward, 4, constant_values=np.inf)
+        moves = [(i, j) for i in range(-4, 5) for j in range(-4, 5) if i * i + j * j <= 16]
+        onward = np.min([entered[4 + i : 4 + i + rows, 4 + j : 4 + j + columns] for i, j in moves], axis=0)
+    return float(onward[start])
+
+
+@pytest.mark.parametrize("aim", ["avoid", "meet"])
+@pytest.mark.parametrize("seed", range(4))
+def test_no_way_is_worth_more_by_what_a_meeting_is_worth(seed: int, aim: str) -> None:
+    """Clumps of which one look meets much: a meeting less is worth -log(1 - share) of a detour."""
+    rng = np.random.default_rng(seed)
+    question = asked(
+        aim=aim, steps=5, reach=1.6 * NMI, speed=14 * KNOT, threshold=0.0, worth=(430.0, 540.0, 690.0, 1900.0)[seed],
+        to=tuple(float(x) for x in sphere.destination(LON, LAT, 0.6 * 14 * KNOT * 600, 2.75 * 14 * KNOT * 600)) if aim == "avoid" else None,
+    )  # fmt: skip
+    clumps = np.array([[-3.0, 3.4], [0.7, 3.2], [4.9, 3.7], [-0.4, 5.9]]) * NMI + rng.normal(0, 0.3 * NMI, (4, 2))
+    which = rng.choice(4, 70, p=[0.12, 0.7, 0.1, 0.08])
+    east, north = clumps[which].T + rng.normal(0, 0.35 * NMI, (2, 70))
+    lon, lat = sphere.destination(LON, LAT, east, north)
+    ways = straight(lon, lat, rng.uniform(0, 6, 70), rng.uniform(0, 2, 70) * KNOT, question.times)
+    weight = rng.exponential(1.0, 70)
+    found = pursuit.pursue(question, lambda _: (ways, weight))
+    assert found.met[0] == 0
+    cells = pursuit.grid(question)
+    away = np.arccos(np.clip(cells.place @ ways[1:6].transpose(0, 2, 1)[:, None], -1, 1)) * sphere.RADIUS
+    share = (away <= question.reach) @ (weight / weight.sum())
+    cost = 600.0 - question.worth * np.log(1 - np.minimum(share, 1 - 1e-12)) if aim == "avoid" else 1.0 - share
+    way = [
+        np.unravel_index(np.argmin(np.linalg.norm(cells.place - one, axis=2)), share.shape[1:])
+        for one in found.path.place
+    ]
+    start, goal = (cells.half, cells.half), way[-1] if aim == "avoid" else None
+    assert way[0] == start
+    if aim == "avoid":
+        here = path.degrees(found.path.place[-1])
+        assert EARTH.inv(here[0], here[1], *np.degrees(question.to))[2] < 1.0
+    own = sum(cost[k][cell] for k, cell in enumerate(way[1:]))
+    assert own == pytest.approx(lowest(cost, start, goal), abs=1e-6)

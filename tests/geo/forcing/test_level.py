@@ -66,6 +66,10 @@ CASES: dict[str, tuple[str, str, Any, dict[str, str], int | None]] = {
     "80 m": ("wind", "heightAboveGround", [80.0], {"units": "m"}, None),
     "1 m": ("wind", "height", [1.0], {"units": "m"}, None),
     "heights": ("wind", "height", [100.0, 50.0, 12.0, 2.0], {"units": "m", **UP}, 2),
+    "the highest and the lowest that pass": ("wind", "height", [19.0, 8.5, 12.5, 3.0, 140.0], {"units": "m", **UP}, 1),
+    "heights upwards": ("wind", "height", [3.5, 14.0, 19.5], {"units": "m", **UP}, 1),
+    "a height of 0 beside one of 17 m": ("wind", "height", [0.0, 17.0, 60.0], {"units": "m"}, 1),
+    "a height of 0 beside one of 60 m": ("wind", "height", [60.0, 0.0], {"units": "m"}, 1),
     "heights above 20 m": ("wind", "height", [100.0, 50.0, 30.0], {"units": "m"}, None),
     "heights downwards": ("wind", "z", [-10.0, -80.0], {"units": "m", **DOWN}, 0),
     "km": ("wind", "height", [0.08, 0.01], {"units": "km"}, 1),
@@ -84,6 +88,8 @@ CASES: dict[str, tuple[str, str, Any, dict[str, str], int | None]] = {
     "negative numbers": ("current", "z", [-40.0, -12.0, -3.0], {"units": "m", **UP}, 2),
     "dbar": ("current", "pressure", [1.0, 10.0], {"units": "dbar"}, 0),
     "dbar below": ("current", "pressure", [20.0], {"units": "dbar"}, None),
+    "the shallowest that pass": ("current", "depth", [4.5, 0.7, 2.2, 11.0], {"units": "m", **DOWN}, 1),
+    "sigmas that pass": ("current", "siglay", [-0.09, -0.02, -0.05, -0.4], {}, 1),
     "fathoms": ("current", "depth", [1.0, 10.0], {"units": "fathoms"}, 0),
     "depths without units": ("current", "depth", [0.0, 10.0, 30.0, 120.0], {}, 0),
     "a depth without units": ("current", "depth", [120.0], {}, None),
@@ -150,6 +156,9 @@ def test_a_lone_depth_is_accepted_by_the_depth_that_the_case_wants(tmp_path: Pat
     several = saved(tmp_path / "b.nc", "current", "depth", [0.0, 10.0, 100.0], {"units": "m"})
     assert east(several, "current", depth=60.0) == pytest.approx(0.3)
     assert "no level near" in refusal(several, "current", depth=200.0)
+    uneven = saved(tmp_path / "d.nc", "current", "depth", [3.0, 7.5, 16.0, 31.0], {"units": "m"})
+    wanted = {1.0: 1, 5.0: 1, 5.5: 2, 11.0: 2, 12.3: 3, 23.0: 3, 24.0: 4, 33.0: 4}  # the nearest, above or below
+    assert {depth: round(10 * east(uneven, "current", depth=depth)) for depth in wanted} == wanted
     sigma = saved(tmp_path / "c.nc", "current", "s_rho", [-0.9, -0.05], {})
     assert "not in metres" in refusal(sigma, "current", depth=10.0)
 

@@ -211,6 +211,44 @@ def test_a_member_without_values_along_a_dimension_is_one_line(tmp_path: Path) -
         sources.open_source("current", tmp_path / "b.nc", members=True)
 
 
+def test_members_along_two_dimensions_are_not_paired(tmp_path: Path) -> None:
+    """As many as there are of each: nothing says which of them go together."""
+    data = together()
+    data["vo"] = data["vo"].rename(number="ens")
+    data.to_netcdf(tmp_path / "a.nc")
+    with pytest.raises(UserError, match=r"uo has 5 along number and vo has 5 along ens"):
+        sources.open_source("current", tmp_path / "a.nc", members=True)
+
+
+def test_points_of_members_may_differ_by_what_rounding_leaves(tmp_path: Path) -> None:
+    entries = []
+    for k in range(3):
+        dataset(VALUES[k], ("time", "lat", "lon"), lon=LON + 2e-6 * k).to_netcdf(tmp_path / f"{k}.nc")
+        entries.append([str(tmp_path / f"{k}.nc")])
+    source = sources.open_source("current", [path for (path,) in entries], members=True, entries=entries)
+    held(source, VALUES[:3])
+
+
+@pytest.mark.parametrize(
+    "gone", [slice(0, 1), slice(0, 3), slice(1, 4)], ids=["first", "all but the last", "all but the first"]
+)
+def test_a_member_that_has_values_at_one_end_is_taken(tmp_path: Path, gone: slice) -> None:
+    """A run that begins later than the others, or ends sooner, has missing values there."""
+    values = VALUES.copy()
+    values[3, 1, gone] = np.nan
+    together(values=values).to_netcdf(tmp_path / "a.nc")
+    values[3, 0, gone] = np.nan  # a current of one component is none
+    held(sources.open_source("current", tmp_path / "a.nc", members=True), values)
+
+
+def test_members_have_land(tmp_path: Path) -> None:
+    """A little of a slice is enough: most of it may be missing."""
+    values = VALUES.copy()
+    values[..., 2:, :] = np.nan
+    together(values=values).to_netcdf(tmp_path / "a.nc")
+    held(sources.open_source("current", tmp_path / "a.nc", members=True), values)
+
+
 def test_members_must_be_asked_for(tmp_path: Path) -> None:
     together().to_netcdf(tmp_path / "a.nc")
     with pytest.raises(UserError, match=r"variables\.number to an index, or members = true to drift in each"):

@@ -1,0 +1,179 @@
+"""Parts of layouts that cover a box, against every node and cell asked by itself."""
+
+import numpy as np
+import pyproj
+import pytest
+import shapely
+
+from geo.box import Box
+from geo.grids import layout
+from geo.grids.layout import Axes, Curved, Plane, Triangles
+
+RNG = np.random.default_rng(11)
+
+
+def span(axis: np.ndarray, low: float, high: float) -> tuple[int, int]:
+    """Return the first and the last node that are kept: two before a span and two after it, as far as there are any."""
+    before, after = np.flatnonzero(axis <= low), np.flatnonzero(axis >= high)
+    first = before[-2] if before.size > 1 else 0
+    last = after[1] if after.size > 1 else axis.size - 1
+    return int(first), int(last)
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("lon0", [-11.3, 171.6])
+def test_axes(lon0: float, seed: int) -> None:
+    """Uneven rows; across the antimeridian; also where the box reaches beyond the grid."""
+    random = np.random.default_rng(seed)
+    lon = lon0 + 0.37 * np.arange(40)
+    lat = 31.2 + np.cumsum(random.uniform(0.2, 0.6, 25))
+    west, south = lon0 + random.uniform(-0.3, 12), lat[0] + random.uniform(-0.2, 6)
+    turn = 360.0 * (west > 180)
+    box = Box(west - turn, south, west - turn + random.uniform(0.3, 5), south + random.uniform(0.3, 3))
+    rows, columns = 300 - np.arange(25), 7 + 2 * np.arange(40)  # as they are in the file
+    made = layout.crop(Axes(lon, lat, columns, rows, round=False), box)
+    assert isinstance(made, Axes)
+    i = span(lon, west, west + box.east - box.west)
+    j = span(lat, box.south, box.north)
+    np.testing.assert_array_equal(made.columns, columns[i[0] : i[1] + 1])
+    np.testing.assert_array_equal(made.rows, rows[j[0] : j[1] + 1])
+    np.testing.assert_array_equal(made.lon, lon[i[0] : i[1] + 1])
+    np.testing.assert_array_equal(made.lat, lat[j[0] : j[1] + 1])
+    assert not made.round
+
+
+@pytest.mark.parametrize("west", [-29.3, 3.1, 178.4, 340.2, 351.9, 361.0])
+@pytest.mark.parametrize("wide", [0.6, 23.7, 350.0])
+def test_axes_round_the_earth(west: float, wide: float) -> None:
+    """Columns go on where the axis ends, as many as there are: two before the box and two after it."""
+    step, many, first = 2.5, 144, 1.25
+    axes = Axes(first + step * np.arange(many), np.arange(-60, 61, 3.0), np.arange(many) + 5, np.arange(41), round=True)
+    made = layout.crop(axes, Box(west, -7.7, west + wide, 20.2))
+    assert isinstance(made, Axes)
+    low, high = int(np.floor((west - first) / step)) - 1, int(np.ceil((west + wide - first) / step)) + 1
+    if high - low + 1 >= many:
+        assert made.round
+        np.testing.assert_array_equal(made.lon, axes.lon)
+        return
+    assert not made.round
+    np.testing.assert_array_equal(made.columns, np.arange(low, high + 1) % many + 5)
+    np.testing.assert_allclose(np.diff(made.lon), step)
+    assert (made.lon[0] - (first + step * low)) % 360 == pytest.approx(0, abs=1e-9)
+
+
+def test_a_box_off_the_axes() -> None:
+    axes = Axes(np.arange(3.0, 9.0, 0.5), np.arange(50.0, 54.0, 0.5), np.arange(12), np.arange(8), round=False)
+    for west, south in ((11.2, 51.3), (-1.4, 51.3), (4.1, 55.3), (4.1, 47.2)):
+        assert layout.crop(axes, Box(west, south, west + 0.7, south + 0.9)) is None
+
+
+def grown(box: Box, metres: float) -> tuple[float, float, float, float]:
+    """Return west, south, east, north [deg] of a box with so much more on every side, at its latitude farthest from the equator."""
+    degrees = np.degrees(metres / 6_371_000)
+    wide = degrees / np.cos(np.radians(max(abs(box.south), abs(box.north)) + degrees))
+    return box.west - wide, box.south - degrees, box.east + wide, box.north + degrees
+
+
+@pytest.mark.parametrize(("east", "north"), [(0.0, 0.0), (0.9, -0.4), (-1.2, 0.3), (0.2, 0.8)])
+def test_plane(east: float, north: float) -> None:
+    """Rows and columns that have a node within three cells of the box, and no others."""
+    projection = pyproj.Proj(proj="stere", lat_0=90, lat_ts=60, lon_0=-40, R=6_371_000)
+    middle = projection(12.4, 63.3)
+    x, y = (m + 4300.0 * np.arange(-n, n + 1) for m, n in zip(middle, (37, 29), strict=True))
+    back = "+proj=pipeline +step +inv +proj=stere +lat_0=90 +lat_ts=60 +lon_0=-40 +R=6371000"
+    to = pyproj.Transformer.from_pipeline(back + " +step +proj=unitconvert +xy_in=rad +xy_out=deg")
+    plane = Plane(x, y, 50 + np.arange(75), 90 - np.arange(59), to)
+    box = Box(12.4 + east - 0.5, 63.3 + north - 0.2, 12.4 + east + 0.5, 63.3 + north + 0.2)
+    made = layout.crop(plane, box)
+    assert isinstance(made, Plane)
+    lon, lat = projection(*np.meshgrid(x, y), inverse=True)
+    geod = pyproj.Geod(a=6_371_000, b=6_371_000)
+    cell = min(
+        np.median(geod.inv(lon[:, :-1], lat[:, :-1], lon[:, 1:], lat[:, 1:])[2]),
+        np.median(geod.inv(lon[:-1], lat[:-1], lon[1:], lat[1:])[2]),
+    )
+    west, south, high_east, high_north = grown(box, 3 * cell)
+    inside = (west <= lon) & (lon <= high_east) & (south <= lat) & (lat <= high_north)
+    i, j = np.flatnonzero(inside.any(axis=0)), np.flatnonzero(inside.any(axis=1))
+    np.testing.assert_array_equal(made.columns, plane.columns[i[0] : i[-1] + 1])
+    np.testing.assert_array_equal(made.rows, plane.rows[j[0] : j[-1] + 1])
+    np.testing.assert_array_equal(made.x, x[i[0] : i[-1] + 1])
+    np.testing.assert_array_equal(made.y, y[j[0] : j[-1] + 1])
+
+
+def swirled(lon0: float, lat0: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return a curved grid (60, 110) [deg] turned by 0.6 rad about its middle, with cells of about 0.05 degrees."""
+    j, i = np.mgrid[-30:30, -55:55] + 0.5
+    x, y = 0.052 * i + 4e-5 * j**2, 0.047 * j + 3e-5 * i**2
+    lon = lon0 + (np.cos(0.6) * x - np.sin(0.6) * y) / np.cos(np.radians(lat0))
+    return (lon + 180) % 360 - 180, lat0 + np.sin(0.6) * x + np.cos(0.6) * y
+
+
+@pytest.mark.parametrize("lon0", [21.7, 179.8])
+@pytest.mark.parametrize(
+    ("east", "north"), [(0.1, 0.05), (2.2, -0.3), (-1.9, 0.4), (1.6, 1.4), (-4.2, -1.55), (4.3, 1.6)]
+)
+def test_curved(lon0: float, east: float, north: float) -> None:
+    """By shapely: the cells whose extents meet the box and three cells around it, and one more row and column on each side."""
+    lon, lat = swirled(lon0, 57.3)
+    columns, rows = 400 - np.arange(110), 3 + np.arange(60)
+    curved = Curved(lon, lat, columns, rows, angle=lon + 2 * lat)
+    west = lon0 + east - 0.3
+    west -= 360 * (west >= 180)
+    box = Box(west, 57.3 + north - 0.14, west + 0.6, 57.3 + north + 0.14)
+    made = layout.crop(curved, box)
+    assert isinstance(made, Curved)
+    geod = pyproj.Geod(a=6_371_000, b=6_371_000)
+    cell = min(
+        np.median(geod.inv(lon[:, :-1], lat[:, :-1], lon[:, 1:], lat[:, 1:])[2]),
+        np.median(geod.inv(lon[:-1], lat[:-1], lon[1:], lat[1:])[2]),
+    )
+    wide = shapely.box(*grown(box, 3 * cell))
+    x = box.west + (lon - box.west + 180) % 360 - 180
+    node = np.stack([x, lat], axis=-1)
+    corners = np.stack([node[:-1, :-1], node[:-1, 1:], node[1:, 1:], node[1:, :-1]], axis=2)
+    j, i = np.nonzero(
+        shapely.intersects(shapely.envelope(shapely.polygons(corners)), wide)
+    )  # first row and column of each
+    low, high = (max(v.min() - 1, 0) for v in (j, i)), (min(v.max() + 2, n - 1) for v, n in ((j, 60), (i, 110)))
+    (bottom, left), (top, right) = low, high
+    assert right - left < 109
+    np.testing.assert_array_equal(made.rows, rows[bottom : top + 1])
+    np.testing.assert_array_equal(made.columns, columns[left : right + 1])
+    for own, whole in ((made.lon, lon), (made.lat, lat), (made.angle, lon + 2 * lat)):
+        np.testing.assert_array_equal(own, whole[bottom : top + 1, left : right + 1])
+
+
+@pytest.mark.parametrize("at_centres", [False, True], ids=["at nodes", "at centres"])
+def test_triangles(at_centres: bool) -> None:
+    """By shapely: those whose extents meet the box and three sides around it; their nodes are where they were."""
+    j, i = np.mgrid[0:24, 0:31]
+    lon, lat = (-30.7 + 0.06 * i + RNG.uniform(-0.01, 0.01, i.shape)).ravel(), (38.4 + 0.05 * j + RNG.uniform(-0.01, 0.01, j.shape)).ravel()  # fmt: skip
+    k = np.arange(24 * 31).reshape(24, 31)
+    a, b, c, d = k[:-1, :-1].ravel(), k[:-1, 1:].ravel(), k[1:, 1:].ravel(), k[1:, :-1].ravel()
+    cells = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])[np.argsort(np.tile(a, 2), kind="stable")]
+    middle = (lon[cells].mean(1), lat[cells].mean(1)) if at_centres else (None, None)
+    mesh = Triangles(lon, lat, cells, 7, *middle)
+    box = Box(-29.97, 38.83, -29.52, 39.11)
+    made = layout.crop(mesh, box)
+    assert isinstance(made, Triangles)
+    geod = pyproj.Geod(a=6_371_000, b=6_371_000)
+    sides = [
+        geod.inv(lon[cells[:, m]], lat[cells[:, m]], lon[cells[:, n]], lat[cells[:, n]])[2]
+        for m, n in ((0, 1), (1, 2), (2, 0))
+    ]
+    degrees = 3 * np.degrees(np.percentile(sides, 10) / 6_371_000)
+    wide = degrees / np.cos(np.radians(box.north))
+    around = shapely.box(box.west - wide, box.south - degrees, box.east + wide, box.north + degrees)
+    node = np.stack([lon, lat], axis=-1)
+    met = np.flatnonzero(shapely.intersects(shapely.envelope(shapely.polygons(node[cells])), around))
+    places = np.stack([made.lon, made.lat], axis=-1)[made.cells]
+    if at_centres:
+        np.testing.assert_array_equal(places, node[cells[met[0] : met[-1] + 1]])
+        assert made.first == 7 + met[0]
+        np.testing.assert_array_equal(made.lonc, middle[0][met[0] : met[-1] + 1])
+        np.testing.assert_array_equal(made.latc, middle[1][met[0] : met[-1] + 1])
+    else:
+        np.testing.assert_array_equal(places, node[cells[met]])
+        assert made.first == 7 + cells[met].min()
+        assert made.lon.size == np.ptp(cells[met]) + 1
