@@ -1,14 +1,16 @@
 """How far do areas and the mean of a forecast scatter by chance alone? Runs with other seeds, by number of particles.
 
 The scatter of n runs errs by 1 / sqrt(2 (n - 1)) of itself.
-Run: python benchmarks/area_scatter.py [SEEDS]
+
+    python benchmarks/area_scatter.py [SEEDS]
 """
 
-import sys
+import argparse
 import tempfile
 from pathlib import Path
 
 import numpy as np
+import smallest
 
 import drift
 from geo import sphere
@@ -51,17 +53,21 @@ CASES = (
     ONE.format(title="two stories, a sortie", object="PIW-1") + TWO,
 )
 SIZES = (1_000, 5_000, 20_000)
+SMALLEST = (500, 1_000)
 
 
-def main(seeds: int) -> None:
+def main() -> None:
     """Print a row for each case and number of particles: mean areas, and scatter of areas and of the mean position."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("seeds", nargs="?", type=int, default=100)
+    seeds = smallest.parse(parser, seeds=2).seeds
     print(f"{seeds} seeds: scatter (one standard deviation) known to {100 / np.sqrt(2 * (seeds - 1)):.0f} % of itself")
     print(f"{'case':<24}{'particles':>10}  areas 50, 75, 95 % [nmi2]    scatter [%]          mean position [m]")
     for text in CASES:
         path = Path(tempfile.mkdtemp()) / "case.toml"
         path.write_text(text, encoding="utf-8")
         case = drift.load(path)
-        for size in SIZES:
+        for size in SMALLEST if smallest.ASKED else SIZES:
             runs = [drift.vary(case, {"seed": seed, "particles": size}) for seed in range(seeds)]
             areas, means = [], []
             for one in drift.run_many(runs, maps="last"):
@@ -79,4 +85,4 @@ def main(seeds: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 100)
+    main()

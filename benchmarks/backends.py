@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import smallest
 import xarray as xr
 
 from geo import sphere
@@ -144,7 +145,7 @@ def main() -> None:
     parser.add_argument("--particles", type=int, default=4000)
     parser.add_argument("--only", default="", help="only commands whose name has this text")
     parser.add_argument("--out", type=Path, help="folder that keeps the results")
-    given = parser.parse_args()
+    given = smallest.parse(parser, backends=["cpu"], particles=9000, only="run small")
     folder = given.out or Path(tempfile.mkdtemp())
     print(
         "| command | backend | ran | s | CPU s | apart m: median, 99 %, most | other status | probability | area, relative |"
@@ -160,18 +161,22 @@ def main() -> None:
             print(f"| {name} | cpu | {wrong[:80]} |", flush=True)
             continue
         for backend in given.backends:
-            wrong, seconds = tried(arguments, backend, own / backend)
+            out = own / f"on {backend}"  # the processor against itself, too
+            wrong, seconds = tried(arguments, backend, out)
             row = f"| {name} | {backend} | {wrong[:80] or 'yes'} | {seconds:.1f} | {cpu_seconds:.1f} "
             if not wrong:
-                row += f"{particles_apart(own / 'cpu', own / backend)} {figures_apart(own / 'cpu', own / backend)} |"
+                row += f"{particles_apart(own / 'cpu', out)} {figures_apart(own / 'cpu', out)} |"
             print(row, flush=True)
     own = folder / "same"
     own.mkdir(parents=True, exist_ok=True)
-    again = ["run", "overdue_boat", "--set", f"particles={given.particles}", "--set", "plan={}"]
-    for backend in given.backends if given.only in "run overdue_boat =" else []:
+    case = str(smallest.CASE) if smallest.ASKED else "overdue_boat"
+    again = ["run", case, "--set", "plan={}", "--set", f"particles={given.particles}"]
+    for backend in given.backends if smallest.ASKED or given.only in "run overdue_boat =" else []:
         for kind, more in (("once", []), ("twice", []), ("three shards", ["--shards", "3"])):
+            if smallest.ASKED and kind == "twice":
+                continue
             wrong, seconds = tried([*again, *more], backend, own / f"{backend} {kind}")
-            row = f"| run overdue_boat, {kind} = | {backend} | {wrong[:80] or 'yes'} | {seconds:.1f} |"
+            row = f"| run {Path(case).stem}, {kind} = | {backend} | {wrong[:80] or 'yes'} | {seconds:.1f} |"
             print(
                 row
                 if wrong or kind == "once"

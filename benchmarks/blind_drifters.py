@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+import smallest
 
 import drift
 from drift.drifters.verification import Verification
@@ -190,7 +191,7 @@ def main() -> None:
     options.add_argument("--particles", type=int, default=2000)
     options.add_argument("--law", choices=tuple(LAWS))
     options.add_argument("--seed", type=int, default=20_261_126)
-    given = options.parse_args()
+    given = smallest.parse(options, drifters=4, particles=500)
     beyond = 0
     for name in [given.law] if given.law else LAWS:
         found = verified(LAWS[name], given.drifters, given.particles, given.seed)

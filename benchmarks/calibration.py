@@ -11,11 +11,13 @@ alone. --wrong: the forecaster believes in reporting rates that are too high by 
 """
 
 import argparse
+import io
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import smallest
 from scipy import stats
 
 import drift
@@ -149,7 +151,7 @@ def main() -> None:
     options.add_argument("--worlds", type=int, default=5000)
     options.add_argument("--picture", type=Path)
     options.add_argument("--wrong", type=float, default=1.0)
-    given = options.parse_args()
+    given = smallest.parse(options, truths=50, worlds=50, picture=io.BytesIO())
     runtime.start()
     begin = time.perf_counter()
     made, true = bank(1, given.worlds), bank(2, given.truths)
@@ -178,7 +180,12 @@ def main() -> None:
         # A run would draw worlds anew for the others; which they are depends on what was found alone, so ranks stay uniform.
         enough = [k for k, size in enumerate(sizes) if size >= renewal.FEWEST]
         total, stretch = [total[k] for k in enough], [stretch[k] for k in enough]
-        print(line(f"{count} finds, where {renewal.FEWEST:.0f} worlds count", total, stretch), flush=True)
+        told = (
+            line(f"{count} finds, where {renewal.FEWEST:.0f} worlds count", total, stretch)
+            if enough
+            else f"{count} finds: no spill of which {renewal.FEWEST:.0f} worlds count"
+        )
+        print(told, flush=True)
         shown[f"{count} finds, total"], shown[f"{count} finds, stretches"] = total, [r for one in stretch for r in one]
     print(line("without worlds", shown["total alone"], [[r] for r in shown["stretch alone"]]))
     if given.picture:
@@ -198,7 +205,7 @@ def line(name: str, total: list[float], stretch: list[list[float]]) -> str:
     )
 
 
-def draw(shown: dict[str, list[float]], path: Path, number: int) -> None:
+def draw(shown: dict[str, list[float]], path: Path | io.BytesIO, number: int) -> None:
     """Draw rank histograms: with worlds above, without below."""
     from matplotlib.figure import Figure
 

@@ -7,11 +7,12 @@ over the same hour with the coast and without; those that go ashore are set aflo
 the rounds counts, and so does the best of the rounds without.
 """
 
-import sys
+import argparse
 import tempfile
 import time
 
 import numpy as np
+import smallest
 
 import drift
 from drift import start
@@ -50,7 +51,7 @@ KINDS = {
     "refloat": 'behaviour = "refloat"\nhalf_life = "6 h"',
     "slide": 'behaviour = "slide"',
 }
-ROUNDS, STEPS = 7, 6
+ROUNDS, STEPS = 1 if smallest.ASKED else 7, 6
 
 
 def measure(area: str, coast: str, particles: int) -> tuple[float, float, float, float]:
@@ -91,8 +92,12 @@ def measure(area: str, coast: str, particles: int) -> tuple[float, float, float,
     return best[True], best[False], ashore, (best[True] / moving[True]) / (best[False] / moving[False]) - 1
 
 
-def main(particles: int = 1_000_000) -> None:
+def main() -> None:
     """Measure each place and behaviour and print a line each."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("particles", nargs="?", type=float, default=1e6)
+    particles = int(smallest.parse(parser, particles=500).particles)
+    smallest.data()
     runtime.start()
     for place, area in AREAS.items():
         for kind, coast in KINDS.items():
@@ -103,4 +108,4 @@ def main(particles: int = 1_000_000) -> None:
 
 
 if __name__ == "__main__":
-    main(*(int(float(x)) for x in sys.argv[1:]))
+    main()

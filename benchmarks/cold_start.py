@@ -15,6 +15,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+import smallest
 from rich.console import Console
 from rich.table import Table
 
@@ -49,7 +50,7 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("case", nargs="?", default="overdue_boat")
     options.add_argument("--json", type=Path)
-    given = options.parse_args()
+    given = smallest.parse(options, case=str(smallest.CASE))
     with tempfile.TemporaryDirectory() as folder:
         runs = [timed(given.case, Path(folder), k) for k in range(2)]
     table = Table(title=f"{given.case}: seconds by phase")

@@ -1,14 +1,16 @@
 """Are the standard errors of `drift compare` right? Two cases with 200 seeds: their mean against the spread.
 
 A spread of n values of a normal law errs by 1 / sqrt(2 (n - 1)) of itself: a ratio within two of these of 1 is right.
-Run: python benchmarks/compare_errors.py [SEEDS]
+
+    python benchmarks/compare_errors.py [SEEDS]
 """
 
-import sys
+import argparse
 import tempfile
 from pathlib import Path
 
 import numpy as np
+import smallest
 
 import drift
 
@@ -47,8 +49,11 @@ area = { centre = "27 36N 087 48W", length = "15 nmi", width = "12 nmi", orienta
 CHANGES = {"wind.0.constant.speed": "17 kn", "scenario.1.weight": 0.4, "scenario.0.weight": 0.6}
 
 
-def main(seeds: int) -> None:
+def main() -> None:
     """Print a row for each figure at the end of the run, and one for the cells of the map."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("seeds", nargs="?", type=int, default=200)
+    seeds = smallest.parse(parser, seeds=3).seeds
     path = Path(tempfile.mkdtemp()) / "what_if.toml"
     path.write_text(CASE)
     case = drift.load(path)
@@ -80,4 +85,4 @@ def main(seeds: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 200)
+    main()

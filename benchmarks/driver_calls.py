@@ -31,6 +31,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "oracles"))
 import cuda_stub
 import numpy as np
+import smallest
 
 import drift
 from drift.environment import lost
@@ -172,11 +173,11 @@ def on_stub() -> None:
 def main() -> None:
     """Run a case, and print what its parts asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("how", choices=("cpu", "stub"))
+    parser.add_argument("how", choices=("cpu", "stub"), nargs="?" if smallest.ASKED else None)
     parser.add_argument("case", nargs="?", default="overdue_boat")
     parser.add_argument("--particles", type=int, default=100_000)
     parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
-    options = parser.parse_args()
+    options = smallest.parse(parser, how="cpu", case=str(smallest.CASE), particles=500)
     if options.how == "stub" and not options.inside:
         on_stub()
     changes = {"particles": options.particles} | (STUB if options.inside else {})

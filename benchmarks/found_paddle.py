@@ -8,8 +8,8 @@ pairs of object and paddle as are asked for in float64 NumPy, with GSHHG in shap
 Compared are the evidence of each scenario, its probability, and the mean and covariance of where the object is: in standard
 errors of their difference. Exits 1 where one is beyond 4, or where fewer than 5 % of the particles are effective.
 
---open: without a coast. --keep: a file that takes what the brute force has found, and goes on from it. Its smallest use,
---pairs 200000 --particles 5000 --open, takes half a minute; 10,000,000 pairs take some 10 minutes on one core.
+--open: without a coast. --keep: a file that takes what the brute force has found, and goes on from it. 10,000,000 pairs
+take some 10 minutes on one core.
 """
 
 import argparse
@@ -19,6 +19,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import smallest
 from rich.console import Console
 from rich.table import Table
 
@@ -109,7 +110,7 @@ def main():
     parser.add_argument("--threads", type=int)
     parser.add_argument("--open", action="store_true")
     parser.add_argument("--keep", type=Path)
-    asked = parser.parse_args()
+    asked = smallest.parse(parser, pairs=20_000, particles=2000, open=True)
     brief, updates, seconds = ours(asked.particles, asked.seed, not asked.open, asked.threads)
     if brief.error:
         raise brief.error

@@ -17,6 +17,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import smallest
 import watched
 
 from drift.case.file import tomllib
@@ -238,7 +239,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the first case")
     parser.add_argument("--trials", help=argparse.SUPPRESS)
     parser.add_argument("--run", action="store_true", help=argparse.SUPPRESS)
-    given = parser.parse_args()
+    given = smallest.parse(parser, cases=8, runs=1)
     if given.trials is not None:
         with tempfile.TemporaryDirectory() as folder:
             for number in map(int, given.trials.split(",")):

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import fuzz_cases
+import smallest
 import watched
 
 from drift.case.file import tomllib
@@ -287,7 +288,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the first")
     parser.add_argument("--told", action="store_true", help="print every trial, not only what must not be")
     parser.add_argument("--trials", help=argparse.SUPPRESS)
-    given = parser.parse_args()
+    given = smallest.parse(parser, trials_each=1)
     if given.trials is not None:
         with tempfile.TemporaryDirectory() as folder:
             for number in map(int, given.trials.split(",")):

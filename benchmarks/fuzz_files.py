@@ -20,6 +20,7 @@ ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT / "tests" / "oracles"), str(ROOT / "tests" / "geo" / "files"), str(ROOT)]
 
 import numpy as np
+import smallest
 import test_grib
 import watched
 import writers
@@ -189,7 +190,7 @@ def main() -> None:
     parser.add_argument("--zarr", type=int, default=250)
     parser.add_argument("--seed", type=int, default=0, help="of the first file")
     parser.add_argument("--trials", help=argparse.SUPPRESS)
-    given = parser.parse_args()
+    given = smallest.parse(parser, netcdf=5, grib=5, zarr=3)
     if given.trials is not None:
         numbers = [int(number) for number in given.trials.split(",")]
         trials([number for number in numbers if number < ZARR])

@@ -4,7 +4,7 @@ A plan at sea, a plan of patrols and an origin are made once. Of each trial one 
 XML in their structure and values, netCDF in its variables, all of them in their bytes), its manifest is written again, as
 somebody would who means it, and the folder is exported in one of the formats. What is written is read back.
 
-python benchmarks/fuzz_results.py [--trials-of 2000] [--seed 0]; smallest: --trials-of 10
+python benchmarks/fuzz_results.py [--trials-of 2000] [--seed 0]
 """
 
 import argparse
@@ -25,6 +25,7 @@ sys.path[:0] = [str(ROOT / "tests" / "oracles"), str(ROOT)]
 
 import finished
 import numpy as np
+import smallest
 import spills
 import watched
 import xarray as xr
@@ -209,7 +210,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the first trial")
     parser.add_argument("--trials", help=argparse.SUPPRESS)
     parser.add_argument("--made", type=Path, help=argparse.SUPPRESS)
-    given = parser.parse_args()
+    given = smallest.parse(parser, count=10)
     if given.trials is not None:
         trials([int(number) for number in given.trials.split(",")], given.made)
         return

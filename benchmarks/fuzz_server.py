@@ -13,6 +13,7 @@ from pathlib import Path
 sys.path[:0] = [str(Path(__file__).parents[1] / "tests" / "oracles")]
 
 import hostile
+import smallest
 import watched
 
 TIMEOUT = 2.0  # [s] of a source
@@ -49,7 +50,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the first answer")
     parser.add_argument("--direct", action="store_true", help="let the library work in the process that reads")
     parser.add_argument("--trials", help=argparse.SUPPRESS)
-    given = parser.parse_args()
+    given = smallest.parse(parser, answers=4)
     if given.trials is not None:
         read_all([int(number) for number in given.trials.split(",")], given.direct)
         return

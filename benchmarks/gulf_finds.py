@@ -5,9 +5,11 @@
 Prints the table of docs/spill.md. The finds are those of one simulated spill, of which 238 objects came ashore.
 """
 
+import argparse
 from dataclasses import replace
 
 import numpy as np
+import smallest
 
 import drift
 from drift import flow, job
@@ -18,7 +20,10 @@ from drift.spill.renewal import Aftermath
 
 def main() -> None:
     """Drift once, then add the finds one by one."""
-    with flow.kept(job.opened(drift.load("gulf_containers"))) as result:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--worlds", type=int, default=2000)
+    given = smallest.parse(parser, worlds=50)
+    with flow.kept(job.opened(drift.load("gulf_containers", {"spill.worlds": str(given.worlds)}))) as result:
         assert result.aftermath is not None
         _tell(result.aftermath)
 

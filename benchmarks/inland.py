@@ -7,13 +7,14 @@ A raft case on NorKyst and AROME, released all over the coastal sea, GSHHG at fu
 case in which all steer, at times inside its steps, whose positions Shapely tests as well.
 """
 
-import sys
+import argparse
 import tempfile
 import time
 from typing import Any
 
 import numpy as np
 import shapely
+import smallest
 
 import drift
 from drift import start
@@ -48,12 +49,13 @@ area.polygon = ["60 10N 004 30E", "60 10N 005 30E", "61 30N 005 30E", "61 30N 00
 """
 
 
-def main(name: str, particles: int = 1_000_000, hours: int = 60) -> None:
+def measure(name: str, particles: int = 1_000_000, hours: int = 60) -> None:
     """Run, test every position against the exact coast and by Shapely, and print the account."""
     if name:
         # Outputs at 438 minutes lie inside steps of an hour.
         case = drift.vary(drift.load(name), {"particles": particles, "output": {"every": "438 min"}})
     else:
+        smallest.data()
         with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
             file.write(CASE.format(particles=particles, hours=hours))
             file.flush()
@@ -75,7 +77,7 @@ def main(name: str, particles: int = 1_000_000, hours: int = 60) -> None:
                 coast.polygons, land, sphere.near_degrees(lon, (where.box.west + where.box.east) / 2), lat
             )
     run.scene.forcing.close()
-    account = record.account(run.ensemble, moment.status).by_status.sum(axis=0)
+    account = np.bincount(moment.status, record.probability(run.ensemble), len(Status))
     told = ", ".join(
         f"{status.name.lower().replace('_', ' ')} {account[status]:.1%}" for status in Status if account[status] > 0
     )
@@ -98,6 +100,18 @@ def _within(polygons: Any, tree: Any, lon: Any, lat: Any) -> int:
     return int(inside.sum())
 
 
+def main() -> None:
+    """Measure the case that is asked for; in the smallest mode both kinds."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("words", nargs="*", metavar="CASE, PARTICLES, HOURS")
+    words = smallest.parse(parser).words
+    if smallest.ASKED:
+        measure("medsearch_transit", 500)
+        measure("", 500, 12)
+        return
+    name = words.pop(0) if words and words[0].isidentifier() else ""
+    measure(name, *(int(float(word)) for word in words))
+
+
 if __name__ == "__main__":
-    case = sys.argv[1] if len(sys.argv) > 1 and sys.argv[1].isidentifier() else ""
-    main(case, *(int(float(x)) for x in sys.argv[1 + bool(case) :]))
+    main()

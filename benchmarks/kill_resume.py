@@ -1,6 +1,6 @@
 """Does a run that is killed again and again end with the files of one that was left in peace?
 
-    python benchmarks/kill_resume.py CASE [--set KEY=VALUE ..] [--shards 8] [--kills 10] [--seed 1]
+    python benchmarks/kill_resume.py [CASE] [--set KEY=VALUE ..] [--shards 8] [--kills 10] [--seed 1]
 
 The case is run once in one piece. Then the same in shards is killed (SIGKILL) at random moments, each time after up to as long as the run
 in one piece took, and begun again, over its results where these stand; the last time it is let end. Prints what each left behind, and what differs in the files.
@@ -16,17 +16,18 @@ import time
 from pathlib import Path
 
 import same_files
+import smallest
 
 
 def main() -> None:
     """Run, kill, compare."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("case")
+    options.add_argument("case", nargs="?", default="overdue_boat")
     options.add_argument("--set", action="append", default=[])
     options.add_argument("--shards", type=int, default=8)
     options.add_argument("--kills", type=int, default=10)
     options.add_argument("--seed", type=int, default=1)
-    given = options.parse_args()
+    given = smallest.parse(options, case=str(smallest.CASE), set=["particles=9000"], shards=3, kills=1)
     draw = random.Random(given.seed)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

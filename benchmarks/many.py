@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import smallest
 import xarray as xr
 
 import drift
 from drift import start
 from drift.forecast import build as forecast_build
-from drift.motion import prior, simulate
+from drift.motion import prior, step_size
 
 CASE = """
 start = "2026-11-21T00:00Z"
@@ -43,7 +44,7 @@ PLACES = {"open sea, no coast": (1.0, 61.0, "none"), "Norwegian coast": (4.55, 6
 PHASES = (
     (start, "open_for"),
     (start, "prepare"),
-    (simulate, "choose_step"),
+    (step_size, "choose_step"),
     (prior, "draw"),
     (forecast_build, "begin"),
 )
@@ -121,7 +122,7 @@ def main() -> None:
     options.add_argument("--forecasts", type=int, default=40)
     options.add_argument("--particles", type=int, default=4000)
     options.add_argument("--case", type=Path)
-    given = options.parse_args()
+    given = smallest.parse(options, forecasts=2, particles=200)
     spent: dict[str, float] = {}
     timed(spent)
     with tempfile.TemporaryDirectory() as name:

@@ -2,9 +2,11 @@
 
 Eddying currents, hourly, on 0.05 degrees: a file of one member, and one of many. CPU time of the
 whole process less that of the thread that reads ahead; "reading" is that thread's. Each run is a process of its own, for its memory.
-Run: python benchmarks/members.py [MEMBERS] [PARTICLES]
+
+    python benchmarks/members.py [MEMBERS] [PARTICLES]
 """
 
+import argparse
 import json
 import resource
 import subprocess
@@ -15,6 +17,7 @@ from contextlib import closing
 from pathlib import Path
 
 import numpy as np
+import smallest
 import xarray as xr
 
 import drift
@@ -94,8 +97,17 @@ def measure(path: str) -> None:
     print(json.dumps({**told, "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
 
 
-def main(members: int, particles: int) -> None:
+def main() -> None:
     """Print a row for one member and a row for many."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("members", nargs="?", type=int, default=51)
+    parser.add_argument("particles", nargs="?", type=int, default=1_000_000)
+    parser.add_argument("--measure", help=argparse.SUPPRESS)
+    given = smallest.parse(parser, members=2, particles=1000)
+    if given.measure:
+        measure(given.measure)
+        return
+    members, particles = given.members, given.particles
     with tempfile.TemporaryDirectory() as folder:
         rows = []
         for many in (1, members):
@@ -103,7 +115,7 @@ def main(members: int, particles: int) -> None:
             case = Path(folder) / f"{many}.toml"
             case.write_text(CASE.format(file=f"{many}.nc", particles=particles, several=str(many > 1).lower()))
             told = subprocess.run(
-                [sys.executable, __file__, str(case)], check=True, capture_output=True, text=True
+                [sys.executable, __file__, "--measure", str(case)], check=True, capture_output=True, text=True
             ).stdout
             rows.append(json.loads(told.splitlines()[-1]))
     print(f"{particles:,} particles, 24 h in steps of 30 min, hourly currents of {LON.size * LAT.size:,} nodes")
@@ -114,8 +126,4 @@ def main(members: int, particles: int) -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] and not sys.argv[1].isdigit():
-        measure(sys.argv[1])
-    else:
-        asked = [int(given) for given in sys.argv[1:3]]
-        main(*asked, *(51, 1_000_000)[len(asked) :])
+    main()

@@ -18,17 +18,20 @@ normal number for the downwind line, drawn anew until its slope is not negative,
 The rows "slope" are the same without the second patch: OpenDrift's own jibing. Euler steps of 60 s keep its own error small.
 """
 
-import sys
+import argparse
 from datetime import datetime, timedelta
 from pathlib import Path
 
+import smallest
+
+smallest.need("opendrift")  # whose environment need not hold ours
 import numpy as np
 from opendrift import __version__
 from opendrift.models.leeway import Leeway
 from opendrift.readers import reader_netCDF_CF_generic
 
 START = datetime(2015, 11, 16, 6)
-HOURS, STEP = 24, 60
+HOURS, STEP = 2 if smallest.ASKED else 24, 60
 LON, LAT = 3.9, 60.1  # [degrees] open water, a day's drift away from the coast and from the rims of both files
 CLASSES = ("PIW-1", "PIW-2", "PIW-4", "LIFE-RAFT-DB-10", "SAILBOAT-2", "FISHING-VESSEL-1")
 CURRENT_STD, CURRENT_TIME = 0.1, 6 * 3600.0  # [m/s] a component, [s]
@@ -73,11 +76,11 @@ class Errors(Leeway):
             self.elements.crosswind_slope, self.elements.crosswind_offset, self.elements.crosswind_eps = line.T
 
 
-def ends(folder: str, whole: bool, each: int) -> dict[str, np.ndarray]:
+def ends(folder: Path, whole: bool, each: int) -> dict[str, np.ndarray]:
     """Return longitude and latitude [degrees] of those of each class that are afloat at the end, shape (n, 2)."""
     files = ("norkyst800_subset_16Nov2015.nc", "arome_subset_16Nov2015.nc")
     model = Errors(loglevel=50)
-    model.add_reader([reader_netCDF_CF_generic.Reader(str(Path(folder) / name)) for name in files])
+    model.add_reader([reader_netCDF_CF_generic.Reader(str(folder / name)) for name in files])
     model.set_config("environment:constant:land_binary_mask", 0)
     model.set_config("drift:max_speed", 10)
     np.random.seed(20151116)  # noqa: NPY002 - what OpenDrift draws its leeway errors from
@@ -91,19 +94,26 @@ def ends(folder: str, whole: bool, each: int) -> dict[str, np.ndarray]:
     return {name: lonlat[who // each == k] for k, name in enumerate(CLASSES)}
 
 
-def main(folder: str, target: str, each: str = "4000") -> None:
-    with Path(target).open("w") as file:
+def main() -> None:
+    """Write the file."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", nargs="?", type=Path)
+    parser.add_argument("target", nargs="?", type=Path, default=Path("ends.csv"))
+    parser.add_argument("each", nargs="?", type=int, default=4000)
+    given = smallest.parse(parser, each=10)
+    folder, each = given.folder or smallest.data() / "norkyst", given.each
+    with given.target.open("w") as file:
         file.write(
             f"# OpenDrift {__version__} Leeway from {LAT} N {LON} E, {START:%Y-%m-%dT%H:%MZ}, {HOURS} h, Euler steps of {STEP} s, "
             "errors and jibing on, patched as benchmarks/opendrift_ends.py says, which made it\n"
         )
         file.write("jibing,class,lon,lat\n")
         for jibing in ("line", "slope"):
-            for name, lonlat in ends(folder, jibing == "line", int(each)).items():
+            for name, lonlat in ends(folder, jibing == "line", each).items():
                 print(f"{jibing} {name}: {len(lonlat)} of {each} afloat", flush=True)
                 for lon, lat in lonlat:
                     file.write(f"{jibing},{name},{lon:.5f},{lat:.5f}\n")
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

@@ -7,23 +7,32 @@ Run it in an environment of OpenDrift's own (it is no dependency of ours):
 Half of the objects drift on the right line, half on the left one; Euler steps of 60 s keep its own error small.
 """
 
-import sys
+import argparse
 from datetime import datetime, timedelta
 from pathlib import Path
 
+import smallest
+
+smallest.need("opendrift")  # whose environment need not hold ours
 import numpy as np
 from opendrift import __version__
 from opendrift.models.leeway import Leeway
 from opendrift.readers import reader_netCDF_CF_generic
 
 START = datetime(2015, 11, 16, 6)
-HOURS, STEP = 24, 60
+HOURS, STEP = 2 if smallest.ASKED else 24, 60
 OBJECT = "LIFE-RAFT-DB-11"
 
 
-def main(folder: str, target: str) -> None:
+def main() -> None:
+    """Write the file."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", nargs="?", type=Path)
+    parser.add_argument("target", nargs="?", type=Path, default=Path("opendrift_norkyst.csv"))
+    given = smallest.parse(parser)
+    folder = given.folder or smallest.data() / "norkyst"
     files = ("norkyst800_subset_16Nov2015.nc", "arome_subset_16Nov2015.nc")
-    readers = [reader_netCDF_CF_generic.Reader(str(Path(folder) / name)) for name in files]
+    readers = [reader_netCDF_CF_generic.Reader(str(folder / name)) for name in files]
     model = Leeway(loglevel=50)
     model.add_reader(readers)
     model.set_config("environment:constant:land_binary_mask", 0)
@@ -45,7 +54,7 @@ def main(folder: str, target: str) -> None:
     afloat = np.asarray(model.elements.ID)  # those that kept their forcing for the whole day
     end_lon, end_lat = np.full(lon.size, np.nan), np.full(lon.size, np.nan)
     end_lon[afloat], end_lat[afloat] = model.elements.lon, model.elements.lat
-    with Path(target).open("w") as file:
+    with given.target.open("w") as file:
         file.write(
             f"# OpenDrift {__version__} Leeway, {OBJECT}, {START:%Y-%m-%dT%H:%MZ}, {HOURS} h, Euler steps of {STEP} s, "
             "errors and jibing off; made by benchmarks/opendrift_norkyst.py\n"
@@ -58,4 +67,4 @@ def main(folder: str, target: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

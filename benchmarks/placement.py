@@ -12,6 +12,7 @@ import time
 from dataclasses import replace
 
 import numpy as np
+import smallest
 from rich.console import Console
 from rich.table import Table
 
@@ -28,6 +29,7 @@ from kernels import runtime
 NMI, KNOT = 1852.0, 1852.0 / 3600
 BEGIN = 1.78e9
 MIDDLE = math.radians(-150), math.radians(38)
+BEGINS, COURSES = (4, 6) if smallest.ASKED else (13, 24)  # of the grid of brute force: a side, and a turn
 
 
 def case(seed: int, m: int, hours: float) -> tuple[Tracks, list[Tow]]:
@@ -73,11 +75,11 @@ def brute(sea: Sea, tracks: Tracks) -> float:
     last = placement._sampled(planning_tracks.coarser(tracks, placement.BINS), placement.STAGES[-1][0])
     few = planning_tracks.sample(last, 600)
     west, south, east, north = sea.begins.shape.bounds
-    share = np.linspace(1e-3, 1 - 1e-3, 13)  # what lies on the edge of the area counts as outside
+    share = np.linspace(1e-3, 1 - 1e-3, BEGINS)  # what lies on the edge of the area counts as outside
     x, y, course = (
         v.ravel()
         for v in np.meshgrid(
-            west + (east - west) * share, south + (north - south) * share, np.arange(24) * math.pi / 12
+            west + (east - west) * share, south + (north - south) * share, np.arange(COURSES) * 2 * math.pi / COURSES
         )
     )
     every = Ways(*sphere.destination(*sea.middle, x, y), course, course, np.ones(course.size))
@@ -92,7 +94,7 @@ def main() -> None:
     asked = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     for name, value in (("cases", 3), ("first", 1), ("particles", 100_000), ("hours", 24), ("threads", 2)):
         asked.add_argument(f"--{name}", type=int, default=value)
-    given = asked.parse_args()
+    given = smallest.parse(asked, cases=1, particles=500, hours=6)
     runtime.start("cpu", given.threads)
     table = Table("case", "wall s", "processor s", "hears", "of the bound's particles", "bound", "share of brute force")
     for seed in range(given.first, given.first + given.cases):

@@ -1,13 +1,13 @@
 """What plans find as a share of their bound, over random cases with motion; prints one table.
 
-    python benchmarks/plan_bound.py [--cases 20] [--first 0] [--particles 40000] [--threads N] [--moving | --steered] [--file plan_moving.jsonl] [--hand]
+    python benchmarks/plan_bound.py [--cases 20] [--first 0] [--particles 40000] [--threads N] [--moving | --steered] [--file FILE] [--hand]
 
 Objects: 1 to 4 normal clouds of 3 to 12 nmi, up to 40 nmi apart, drifting with up to 1.5 kn, the speed of each particle off by up to
 0.5 kn, 12 h. Units: 1 to 4, boats of 12 to 25 kn, helicopters and aircraft of 70 to 180 kn, sweep widths of 0.3 to 2 nmi, 1.5 to 8 h of search, from bases up to
 60 nmi away, ready within 3 h. Three in four cases sweep by inverse cube, one by any law.
 
 --moving: whole cases (benchmarks/moving_cases.py), planned and executed as `drift plan` does. Their effort is scaled so that the bound lies between 0.3 and 0.9: a bound
-near 1 cannot be beaten. A case that the file holds already is not run again. --steered: the same for targets that steer (benchmarks/steered_cases.py); --hand: with legs
+near 1 cannot be beaten. A case that the file (plan_moving.jsonl) holds already is not run again. --steered: the same for targets that steer (benchmarks/steered_cases.py); --hand: with legs
 laid by hand alone, which takes a fraction of the time.
 
 Beside the plan, legs by hand are scored on the same particles (hand_patterns.py): patterns of the manuals, and legs that chase the densest spot.
@@ -17,6 +17,7 @@ plan_hand.py compares plans with them on others. Exits 1 if anything finds more 
 import argparse
 import json
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -25,6 +26,7 @@ from typing import Any
 
 import hand_patterns
 import numpy as np
+import smallest
 from moving_cases import case as moving
 from moving_cases import scaled
 from rich.console import Console
@@ -34,7 +36,7 @@ from steered_cases import case as steered
 from drift.case.record import Case
 from drift.job import Options, opened
 from drift.motion.scenario import Survival
-from drift.planner import bound, follow, optimiser, planner
+from drift.planner import bins, bound, follow, optimiser, planner
 from drift.planner import planning_tracks as record
 from drift.planner.planning_tracks import Tracks
 from drift.search.records import Law, PlanSpec, Unit
@@ -48,7 +50,8 @@ BINS = 24
 MANNERS = (*hand_patterns.DRAWN, *hand_patterns.CHASED)
 FEW = 2500  # particles on which effort is aimed
 LEAST, MOST = 1e-3, 1e2  # that it is scaled by
-HALVINGS = 6
+HALVINGS = 2 if smallest.ASKED else 6
+COARSE = 1800.0  # [s] rows of a bound in the smallest mode
 
 
 def case(number: int, particles: int) -> tuple[Tracks, list[Unit], PlanSpec]:
@@ -184,8 +187,12 @@ def resumed(
 
 def moved(options: argparse.Namespace) -> int:
     """Try cases that move and that the file does not hold yet; print what all in it come to; return how many bounds were beaten."""
+    options.file = options.file or f"plan_{'steered' if options.steered else 'moving'}{'_hand' * options.hand}.jsonl"
     done = resumed(move, options)
     ran = sorted((one for one in done if "limit" in one), key=lambda one: int(one["case"]))
+    if not ran:
+        print(f"none ran, {len(done)} refused")
+        return 1
     table = Table("case", "what", "bound", "seen", "executed", *MANNERS, "beaten by", "plan s", "bound s")
     for one in ran:
         table.add_row(
@@ -217,11 +224,27 @@ def main() -> None:
     parser.add_argument("--moving", action="store_true")
     parser.add_argument("--steered", action="store_true")
     parser.add_argument("--hand", action="store_true")
-    parser.add_argument("--file", default="plan_moving.jsonl")
-    options = parser.parse_args()
+    parser.add_argument("--file", help="of results; by default one for each kind of case, in this folder")
+    options = smallest.parse(parser, cases=1, particles=1000)
     runtime.start("cpu", options.threads)
+    if smallest.ASKED:
+        bins.FINEST = COARSE
+        with tempfile.TemporaryDirectory() as folder:
+            kinds = ({"moving": True, "hand": True}, {"steered": True})
+            over = [moved(small(options, folder, **kind)) for kind in kinds]
+        sys.exit(max(*over, still(options)) > 0)
     if options.moving or options.steered:
         sys.exit(moved(options) > 0)
+    sys.exit(still(options) > 0)
+
+
+def small(options: argparse.Namespace, folder: str, **kind: bool) -> argparse.Namespace:
+    """Return options for another kind of case, with its file in a folder."""
+    return argparse.Namespace(**vars(options) | kind | {"file": str(Path(folder) / f"{min(kind)}.jsonl")})
+
+
+def still(options: argparse.Namespace) -> int:
+    """Try cases of which all particles are given; print what they come to; return how many bounds were beaten."""
     table = Table("case", "units", "hours", "POS", "bound", "share", *MANNERS, "plan s", "bound s")
     shares, over = [], 0
     for number in range(options.first, options.first + options.cases):
@@ -245,7 +268,7 @@ def main() -> None:
     console.print(
         f"share of the bound: median {np.median(shares):.3f}, worst {min(shares):.3f}; above the bound: {over}"
     )
-    sys.exit(over > 0)
+    return over
 
 
 if __name__ == "__main__":

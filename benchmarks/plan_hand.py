@@ -1,6 +1,6 @@
 """Plans against what a planner would draw by hand, on particles that neither has seen; prints one table.
 
-    python benchmarks/plan_hand.py [--set moving | steered | normal] [--cases 20] [--first 0] [--particles 8000] [--threads N] [--file plan_hand.jsonl]
+    python benchmarks/plan_hand.py [--set moving | steered | normal] [--cases 20] [--first 0] [--particles 8000] [--threads N] [--file FILE]
 
 Cases are those of moving_cases.py, steered_cases.py and plan_bound.py (normal), with the effort that plan_bound.py gives them. Half of the
 particles are those on which the plan of one round is made and on which legs are laid out by hand (hand_patterns.py): expanding square, sector,
@@ -11,6 +11,7 @@ difference. Exits 1 if one is.
 
 import argparse
 import sys
+import tempfile
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -18,6 +19,7 @@ from typing import Any
 import hand_patterns
 import numpy as np
 import plan_bound
+import smallest
 from moving_cases import case as moving
 from rich.console import Console
 from rich.table import Table
@@ -36,6 +38,7 @@ from kernels import rectangles, runtime, sweeps
 MANNERS = (*hand_patterns.DRAWN, *hand_patterns.CHASED)
 ROWS = 900.0  # [s] rows of a bound by which the effort of a steered case is scaled; it takes minutes with finer ones
 FEW = 1000  # particles for that
+SETS = ("moving", "steered", "normal")
 
 
 def found(
@@ -116,18 +119,31 @@ def beaten(one: dict[str, Any]) -> list[str]:
 
 
 def main() -> None:
-    """Compare cases that the file does not hold yet; print what all in it come to."""
+    """Compare the cases of a set; in the smallest mode of every set."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--set", choices=("moving", "steered", "normal"), default="moving")
+    parser.add_argument("--set", choices=SETS, default="moving")
     parser.add_argument("--cases", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--particles", type=int, default=8000)
     parser.add_argument("--threads", type=int)
-    parser.add_argument("--file", default="plan_hand.jsonl")
-    options = parser.parse_args()
+    parser.add_argument("--file", help="of results; by default one for each set, in this folder")
+    options = smallest.parse(parser, cases=1, particles=1000)
     runtime.start("cpu", options.threads)
+    if smallest.ASKED:
+        with tempfile.TemporaryDirectory() as folder:
+            sets = [argparse.Namespace(**vars(options) | {"set": name, "file": f"{folder}/{name}"}) for name in SETS]
+            sys.exit(max(map(told, sets)) > 0)
+    sys.exit(told(options) > 0)
+
+
+def told(options: argparse.Namespace) -> int:
+    """Compare cases that the file does not hold yet; print what all in it come to; return how many plans were beaten."""
+    options.file = options.file or f"plan_hand_{options.set}.jsonl"
     done = plan_bound.resumed(compare, options)
     ran = sorted((one for one in done if "hands" in one), key=lambda one: int(one["case"]))
+    if not ran:
+        print(f"none ran, {len(done)} refused")
+        return 1
     table = Table("case", "what", "seen", "plan", *MANNERS, "flown", "beaten by", "plan s")
     for one in ran:
         hands = [f"{one['hands'][manner]['value']:.3f}" for manner in MANNERS]
@@ -143,7 +159,7 @@ def main() -> None:
         f"{len(ran)} ran, {len(done) - len(ran)} refused; best legs by hand as a share of the plan: median {np.median(ratio):.3f}, most {max(ratio):.3f}; "
         f"plans beaten by two standard errors: {over}"
     )
-    sys.exit(over > 0)
+    return over
 
 
 if __name__ == "__main__":

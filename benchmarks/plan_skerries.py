@@ -2,13 +2,16 @@
 
 Prints the metres of the boats' ways that lie on land (must be 0), their lengths by sea and straight, the share of the way that is near
 land, and what reckoning them cost. Made up but for the coast. With a folder, all files of the plan are written there.
+
+    python benchmarks/plan_skerries.py [FOLDER]
 """
 
-import sys
+import argparse
 import tempfile
 from pathlib import Path
 
 import numpy as np
+import smallest
 
 import drift
 from drift.planner import courses, planner, subareas
@@ -140,11 +143,16 @@ sweep_width_uncertainty = "30 %"
 
 def main() -> None:
     """Plan, and check each boat's way."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", nargs="?")
+    parser.add_argument("--particles", type=int, default=40_000, help="of the run; the plan takes half as many")
+    given = smallest.parse(parser, particles=2000)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "skerries.toml"
-        path.write_text(CASE)
-        out = sys.argv[1] if len(sys.argv) > 1 else None
-        made, result = planner.plan(drift.load(path), out, overwrite=True)
+        top, *units = CASE.split("[[unit]]")
+        path.write_text("[[unit]]".join([top, *units[:: 3 if smallest.ASKED else 1]]))
+        case = drift.load(path, {"particles": f"{given.particles}", "plan.particles": f"{given.particles // 2}"})
+        made, result = planner.plan(case, given.folder, overwrite=True)
     land = shore.land("gshhg", Box(3.5, 59.5, 6.5, 61.5)).polygons
     print(f"POS {made.pos:.3f}; {'; '.join(made.said) or 'nothing to say of boats'}")
     for one in made.taskings:

@@ -15,6 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import smallest
 from rich.console import Console
 from rich.table import Table
 
@@ -65,7 +66,7 @@ UNITS = (
 def text() -> str:
     """Return the case."""
     tables = [TEXT]
-    for name, base, search, transit, hours, skiff, raft in UNITS:
+    for name, base, search, transit, hours, skiff, raft in UNITS[: 1 if smallest.ASKED else None]:
         tables.append(
             f'[[unit]]\nname = "{name}"\nbase = "{base}"\nready = "231200ZNOV26"\nsearch_speed = "{search} kn"\n'
             f'transit_speed = "{transit} kn"\nendurance = "{hours} h"\ndaylight = false\n'
@@ -80,11 +81,11 @@ def main() -> None:
     options.add_argument("--particles", type=float, default=1e6)
     options.add_argument("--minutes", type=float, default=10)
     options.add_argument("--threads", type=int)
-    given = options.parse_args()
+    given = smallest.parse(options, particles=1000, minutes=1e-3)
     show = Console(width=120)
     with tempfile.TemporaryDirectory() as folder:
         path, out = Path(folder) / "four_units.toml", Path(folder) / "out"
-        path.write_text(text())
+        path.write_text(text().replace('duration = "12 h"', 'duration = "4 h"') if smallest.ASKED else text())
         command = [sys.executable, "-m", "drift", "plan", str(path), "--set", f"particles={int(given.particles)}"]
         begin = time.perf_counter()
         subprocess.run([*command, "--out", str(out)], check=True, capture_output=True)
@@ -92,7 +93,10 @@ def main() -> None:
         phases = json.loads((out / "summary.json").read_text())["wall_time_s"]
         plan = json.loads((out / "plan.json").read_text())
         case = case_file.load(path, {"particles": str(int(given.particles))})
-        table = Table("phase", "s", title=f"drift plan, {int(given.particles):,} particles, 12 h, 4 units")
+        hours = case.period.duration / 3600
+        table = Table(
+            "phase", "s", title=f"drift plan, {int(given.particles):,} particles, {hours:g} h, {len(case.units)} units"
+        )
         for phase, seconds in phases.items():
             table.add_row(phase, f"{seconds:.1f}")
         table.add_row("imports, files, pictures", f"{wall - sum(phases.values()):.1f}")

@@ -25,6 +25,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "oracles"))
 import cuda_stub
+import smallest
 
 NO_PTXAS = "no ptxas: pip install nvidia-cuda-nvcc-cu12"
 REGISTERS, WARPS, BLOCKS = 65_536, 64, 32  # of a multiprocessor, of sm_80 and sm_90
@@ -48,8 +49,9 @@ def find_ptxas() -> str | None:
 
 
 def make_ptx(driver: Path, out: Path, arch: int) -> None:
-    """Have every variant of every kernel compiled: files KERNEL.NUMBER.ptx in a folder."""
+    """Have every variant of every kernel compiled, in the smallest mode of few: files KERNEL.NUMBER.ptx in a folder."""
     command = [sys.executable, ROOT / "tests" / "oracles" / "variants.py", "cuda", "--ptx", out]
+    command += ["--part", "0", "40"] if smallest.ASKED else []
     environment = cuda_stub.environment(driver, out, arch)
     subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL)
 
@@ -116,10 +118,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep the PTX there")
     parser.add_argument("--arch", type=int, nargs="+", default=[80, 90], help="90 for sm_90")
-    options = parser.parse_args()
+    options = smallest.parse(parser, arch=[90])
     if cuda_stub.why_not():
-        sys.exit(cuda_stub.why_not())
-    program, found = find_ptxas() or sys.exit(NO_PTXAS), defaultdict(dict)
+        smallest.lack(cuda_stub.why_not())
+    program, found = find_ptxas() or smallest.lack(NO_PTXAS), defaultdict(dict)
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor() as pool:
         driver = cuda_stub.compiled(Path(scratch))
         for arch in options.arch:

@@ -5,14 +5,14 @@
 Needs Chromium and the extra `browser`; cases whose forcing is not there are left out.
 """
 
+import argparse
 import shutil
-import sys
 import tempfile
 import time
 from pathlib import Path
 from unittest import mock
 
-from playwright.sync_api import sync_playwright
+import smallest
 
 import drift
 from drift import flow
@@ -47,16 +47,25 @@ def written(name: str, folder: Path) -> float:
 
 def main() -> None:
     """Print a table."""
-    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("cases", nargs="*", default=[name for name, _ in case_file.shipped()])
+    cases = smallest.parse(parser, cases=[str(smallest.CASE)]).cases
+    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if chromium is None:
+        smallest.lack("no Chromium")
+    smallest.need("playwright")
+    from playwright.sync_api import sync_playwright
+
     print(
         f"{'case':<20}{'outputs':>8}{'MB':>7}{'write, s':>10}{'open, s':>9}{'frames/s':>10}{'requests':>10}{'complaints':>12}"
     )
     with sync_playwright() as playwright, tempfile.TemporaryDirectory() as place:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        for name in sys.argv[1:] or [name for name, _ in case_file.shipped()]:
+        for given in cases:
+            name = Path(given).stem
             folder = Path(place, name)
             try:
-                took = written(name, folder)
+                took = written(given, folder)
             except UserError as error:
                 print(f"{name:<20}  {str(error)[:90]}")
                 continue

@@ -13,12 +13,14 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import netCDF4
 import numpy as np
+import smallest
 
 COMMANDS = {
     "overdue_boat": (("run",), ("plan",), ("check",)),
@@ -44,7 +46,7 @@ def write(folder: Path, threads: int, only: str) -> None:
     """Write all that the cases ask for, each command's files and words into a folder of its own."""
     for case, commands in COMMANDS.items():
         for (command,) in commands:
-            name = f"{case}-{command}"
+            name = f"{Path(case).stem}-{command}"
             if only not in name:
                 continue
             folder.mkdir(parents=True, exist_ok=True)
@@ -133,7 +135,7 @@ def _values(one: Any, other: Any, where: str) -> list[str]:
 def main() -> None:
     """Write, or compare; the exit status says whether all is the same."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    commands = options.add_subparsers(dest="command", required=True)
+    commands = options.add_subparsers(dest="command", required=not smallest.ASKED)
     writer = commands.add_parser("write")
     writer.add_argument("folder", type=Path)
     writer.add_argument("--threads", type=int, default=1)
@@ -141,11 +143,24 @@ def main() -> None:
     comparer = commands.add_parser("compare")
     comparer.add_argument("one", type=Path)
     comparer.add_argument("other", type=Path)
-    given = options.parse_args()
+    given = smallest.parse(options)
+    if smallest.ASKED:
+        COMMANDS.clear()
+        COMMANDS[str(smallest.CASE)] = (("run",), ("check",))
+        with tempfile.TemporaryDirectory() as name:
+            given.one, given.other = Path(name, "one"), Path(name, "other")
+            for folder in (given.one, given.other):
+                write(folder, 1, "")
+            compare(given.one, given.other)
     if given.command == "write":
         write(given.folder.resolve(), given.threads, given.only)
         return
-    found = differences(given.one, given.other)
+    compare(given.one, given.other)
+
+
+def compare(one: Path, other: Path) -> NoReturn:
+    """Print what differs between two folders, and end with a status that says whether anything does."""
+    found = differences(one, other)
     print("\n".join(found) or "the same")
     sys.exit(bool(found))
 

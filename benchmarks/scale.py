@@ -17,6 +17,8 @@ import time
 from datetime import datetime, timedelta
 from pathlib import Path
 
+import smallest
+
 ISO = "%Y-%m-%dT%H:%MZ"
 CASE = """
 title = "scale"
@@ -98,7 +100,7 @@ def main() -> None:
     options.add_argument("--wind", help="files of a wind")
     options.add_argument("--start", default="2026-06-01T00:00Z")
     options.add_argument("--at", type=float, nargs=2, metavar=("LON", "LAT"), default=(-88.0, 26.5))
-    given = options.parse_args()
+    given = smallest.parse(options, particles=9000, hours=9, outputs=2, shards=2, sorties=1)
     particles, (lon, lat) = int(given.particles), given.at
     files = FILES.format(current=given.current, wind=given.wind)
     with tempfile.TemporaryDirectory(dir=given.folder) as name:

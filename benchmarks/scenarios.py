@@ -20,6 +20,9 @@ import time
 from pathlib import Path
 
 import numpy as np
+import smallest
+
+import drift
 
 HEAD = """
 title = "{count} scenarios"
@@ -116,11 +119,12 @@ scenario.currents = ["gulf"]
 scenario.distress = {{ rate = "0.03/h" }}
 scenario.phase = [{{ voyage = {{ cross_track = "{std} nmi" }} }}]
 axis.route = {{ key = "phase.1.voyage.like", values = [{routes}] }}
-axis.speed = {{ key = "phase.1.voyage.speed", from = "4 kn", to = "9 kn", ranges = 10 }}
+axis.speed = {{ key = "phase.1.voyage.speed", from = "4 kn", to = "9 kn", ranges = {ranges} }}
 axis.departure = {{ key = "phase.1.voyage.departure", from = "+0 min", to = "+180 min", ranges = {departures} }}
 """
-ROUTES = 10  # of a family, and its ranges of speed
+ROUTES = 2 if smallest.ASKED else 10  # of a family, and its ranges of speed
 KINDS = ("drift", "search", "steer", "family")
+RUN = ("drift",)  # in the smallest mode; of the others the cases are read
 OBJECTS = ("LIFE-RAFT-DB-10", "PIW-1", "SKIFF-1")
 LON, LAT, SPREAD, OWN = (
     -88.6,
@@ -167,7 +171,9 @@ def written(count: int, particles: int, duration: str, kind: str) -> str:
             for k in range(ROUTES)
         ]  # fmt: skip
         names = ", ".join(f'"route{k}"' for k in range(ROUTES))
-        return head + "".join(routes) + FAMILY.format(std=OWN, routes=names, departures=count // ROUTES**2)
+        return (
+            head + "".join(routes) + FAMILY.format(std=OWN, routes=names, ranges=ROUTES, departures=count // ROUTES**2)
+        )
     weight = random.gamma(0.7, size=count)
     weight = np.maximum(weight / weight.sum(), 1e-5)
     weight = np.round(weight / weight.sum(), 8)
@@ -211,7 +217,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--only", default="", choices=("", *KINDS))
     parser.add_argument("--keep", type=Path, help="folder for the cases and their files")
-    asked = parser.parse_args()
+    asked = smallest.parse(parser, scenarios=4, particles=1000, duration="27 h")
     if asked.only in ("", "family") and asked.scenarios % ROUTES**2:
         parser.error(f"--scenarios {asked.scenarios}: a family has a multiple of {ROUTES**2}")
     with tempfile.TemporaryDirectory() as scratch:
@@ -220,10 +226,16 @@ def main() -> None:
         for kind in KINDS:
             if asked.only not in ("", kind):
                 continue
+            if smallest.ASKED and kind not in RUN:
+                path = folder / f"{kind}.toml"
+                path.write_text(written(asked.scenarios, int(asked.particles), asked.duration, kind), encoding="utf-8")
+                print(f"{kind}: {len(drift.load(path).scenarios)} scenarios are read")
+                continue
             found = []
             for count in (1, asked.scenarios):
                 path = folder / f"{kind}-{count}.toml"
-                for particles in (count * 10, int(asked.particles) // count * count):  # the first one compiles kernels
+                sizes = (count * 10, int(asked.particles) // count * count)  # the first one compiles kernels
+                for particles in sizes[smallest.ASKED :]:
                     path.write_text(written(count, particles, asked.duration, kind), encoding="utf-8")
                     times = run(path, folder / f"{kind}-{count}", asked.threads)
                 found.append(times)

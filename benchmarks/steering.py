@@ -15,11 +15,12 @@ import time
 from pathlib import Path
 
 import numpy as np
+import smallest
 
 import drift
 from drift.result import Result
 
-PATHS, STEPS = 20_000, 500
+PATHS, STEPS = (4_000, 100) if smallest.ASKED else (20_000, 500)
 FEW, MANY = 4, 24  # steps of the runs whose difference is told
 
 HEAD = """
@@ -156,7 +157,7 @@ def main() -> None:
     parser.add_argument("--only", default="filter,roughening,laws")
     parser.add_argument("--particles", type=float, default=1e6)
     parser.add_argument("--threads", type=int, default=2)
-    asked = parser.parse_args()
+    asked = smallest.parse(parser, particles=1000)
     with tempfile.TemporaryDirectory() as folder:
         runs = Runs(Path(folder), asked.threads)
         if "filter" in asked.only:

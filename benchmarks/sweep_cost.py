@@ -9,6 +9,7 @@ import argparse
 import time
 
 import numpy as np
+import smallest
 from rich.console import Console
 from rich.table import Table
 
@@ -29,7 +30,7 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--particles", type=float, default=1e6)
     options.add_argument("--threads", type=int)
-    given = options.parse_args()
+    given = smallest.parse(options, particles=1000)
     runtime.start("cpu", given.threads)
     n = int(given.particles)
     pattern = patterns.parallel((4.0, 58.0), 24 * NMI, 20 * NMI, 0.6, NMI, 0.0, 150 * NMI / HOUR)

@@ -17,6 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import smallest
 from rich.console import Console
 from rich.table import Table
 
@@ -180,7 +181,7 @@ def main() -> None:
     options.add_argument("--yardsticks", type=Path)
     options.add_argument("--opendrift")
     options.add_argument("--backend", default="cpu")
-    given = options.parse_args()
+    given = smallest.parse(options, most=1e4)
     runtime.start(given.backend)
     before = yardstick(given.yardsticks, 10**6) if given.yardsticks else None
     rows = measure(int(given.most))

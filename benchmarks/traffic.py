@@ -4,15 +4,21 @@ It follows the kernel and the functions that take its columns, through `ti.stati
 loops as Taichi does, for one particle that is adrift before the step and after it. So it counts the
 columns that are read and written with a set of features, each once, whether a column is an array of
 its own or a row of one.
+
+    python benchmarks/traffic.py [FEATURES ...]
+
+prints a row for each set of features, a number (kernels/features.py); without any, for none and for each alone.
 """
 
+import argparse
 import ast
 import copy
 import inspect
-import sys
 from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Any
+
+import smallest
 
 from kernels import advance, features, integrate, sample
 
@@ -181,6 +187,18 @@ def gathered(chosen: int) -> int:
     return stages(chosen) * quantities * looked_up()
 
 
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    alone = [value for name, value in vars(features).items() if name.isupper() and isinstance(value, int)]
+    parser.add_argument("features", nargs="*", type=int, default=[0, *alone])
+    given = smallest.parse(parser)
+    print(f"{'features':>8}{'bytes of columns':>18}{'of forcing':>12}  columns that are read, and written")
+    for number in given.features:
+        found = columns(number)
+        names = (sorted(f"{array}[{row}]" for _, array, row in part) for part in (found.read, found.written))
+        print(f"{number:>8}{found.bytes:>18}{gathered(number):>12}  {'; '.join(map(' '.join, names))}")
+
+
 if __name__ == "__main__":
-    for number in map(int, sys.argv[1:]):
-        print(number, columns(number), columns(number).bytes, gathered(number))
+    main()

@@ -6,9 +6,10 @@ Per class and wind speed: the share of particles whose downwind speed is negativ
 law -> by the one cut at slope 0 (docs/leeway.md), as our kernel draws it; only classes with a share above 0.05 % somewhere.
 """
 
-import sys
+import argparse
 
 import numpy as np
+import smallest
 
 from drift.motion import leeway
 from drift.motion.drift import COLUMNS
@@ -28,8 +29,11 @@ def speeds(line: leeway.Line, least: float, particles: int) -> np.ndarray:
     return np.outer(WINDS, e.own["down_slope"].to_numpy().astype(float)) + e.own["down_offset"].to_numpy()
 
 
-def main(particles: int = 1_000_000) -> None:
+def main() -> None:
     """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("particles", nargs="?", type=int, default=1_000_000)
+    particles = smallest.parse(parser, particles=1000).particles
     runtime.start()
     print("| class | slopes < 0 | " + " | ".join(f"{wind} m/s" for wind in WINDS) + " |")
     print("|---|" + "---|" * (len(WINDS) + 1))
@@ -48,4 +52,4 @@ def main(particles: int = 1_000_000) -> None:
 
 
 if __name__ == "__main__":
-    main(*(int(word) for word in sys.argv[1:]))
+    main()

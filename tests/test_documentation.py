@@ -196,6 +196,22 @@ def test_examples_are_understood(page: str) -> None:
                 table.model_validate(one)
 
 
+def test_the_table_of_benchmarks_names_each() -> None:
+    """Files that are a part of others are no benchmarks."""
+    own = [path for path in (ROOT / "benchmarks").glob("*.py") if "__main__" in path.read_text(encoding="utf-8")]
+    told = rows((ROOT / "README.md").read_text(encoding="utf-8"), "command")
+    assert {name.split()[1] for name in told if "benchmarks/" in name} == {f"benchmarks/{path.name}" for path in own}
+
+
+@pytest.mark.parametrize(
+    "page", ["CONTRIBUTING.md", "README.md", *(f"docs/{path.relative_to(DOCS)}" for path in sorted(DOCS.rglob("*.md")))]
+)
+def test_benchmarks_that_are_named_are_there(page: str) -> None:
+    """A page that cites a benchmark cites one that can be run."""
+    named = set(re.findall(r"benchmarks/(\w+\.\w+)", (ROOT / page).read_text(encoding="utf-8")))
+    assert {name for name in named if not (ROOT / "benchmarks" / name).exists()} == set()
+
+
 def test_faults_of_the_mutants_stand_where_they_say() -> None:
     """Each once in its file, and its tests are there: a move of code once left a benchmark that could not start."""
     faults = tomllib.loads((ROOT / "benchmarks" / "mutants.toml").read_text(encoding="utf-8"))["mutant"]
