@@ -64,7 +64,7 @@ def kill(words: list[str], folder: Path, mark: str, delay: float) -> None:
     """Start a run and kill it a time [s] after a file that its hidden folder holds has appeared; at once after no mark."""
     with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
         while mark and running.poll() is None and not list(folder.glob(f".drift-partial-*/{mark}")):
-            pass
+            time.sleep(2e-4)  # [s] else it takes a core from the run
         time.sleep(delay)
         running.send_signal(signal.SIGKILL)
 
