@@ -161,7 +161,9 @@ def test_a_slow_body_is_given_up(served: Server, monkeypatch: pytest.MonkeyPatch
 LEAST = b'{"text": ""}'
 
 
-def through_the_gate(pieces: list[bytes], told: int, ends: bool = True) -> tuple[int, int, Any]:
+def through_the_gate(
+    pieces: list[bytes], told: int, ends: bool = True, more: dict[str, str] | None = None
+) -> tuple[int, int, Any]:
     """Return the status, how many pieces of a body were taken, and what was passed on; told: its length as its header has it."""
     secret, taken, passed, answer = gate.Secret(), [], [], []
 
@@ -184,7 +186,7 @@ def through_the_gate(pieces: list[bytes], told: int, ends: bool = True) -> tuple
     }  # fmt: skip
     scope = {
         "type": "http", "method": "POST", "path": "/api/jobs", "raw_path": b"/api/jobs", "query_string": b"",
-        "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
+        "headers": [(name.encode(), value.encode()) for name, value in [*headers.items(), *(more or {}).items()]],
     }  # fmt: skip
     asyncio.run(gate.Gate(app, ("127.0.0.1:8123",), secret)(scope, receive, send))
     return answer[0]["status"], len(taken), passed
@@ -204,6 +206,12 @@ def test_a_body_is_as_long_as_what_comes_not_as_it_says(many: int, more: int) ->
 def test_of_a_body_without_end_no_more_is_taken_than_is_allowed() -> None:
     piece = b" " * 700_000
     assert through_the_gate([piece] * 40, told=17)[:2] == (413, 3)
+
+
+@pytest.mark.parametrize("more", [{"transfer-encoding": "chunked"}, {"content-length": "12"}, {"content-length": "9"}])
+def test_a_body_of_two_lengths_has_none(more: dict[str, str]) -> None:
+    """Whatever stands before us may have believed the other one."""
+    assert through_the_gate([LEAST], told=12, more=more) == (411, 0, [])
 
 
 def test_a_body_that_breaks_off_is_none() -> None:
@@ -343,6 +351,19 @@ def test_names_that_some_system_takes_for_others_are_none(name: str) -> None:
     """Windows leaves out dots and spaces at the end, and has devices (Microsoft, Naming Files, Paths, and Namespaces)."""
     assert not names.plain(name)
     assert not names.case(name)
+
+
+def test_a_file_is_read_to_its_last_byte_or_not_at_all(tmp_path: Path) -> None:
+    """And what is no file is none, however it is reached."""
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "inner" / "a.txt").write_bytes(b"0123456789")
+    assert names.contents(tmp_path, "inner", "a.txt", largest=10) == b"0123456789"
+    with pytest.raises(OSError, match="it has more than") as refused:
+        names.contents(tmp_path, "inner", "a.txt", largest=9)
+    assert refused.value.errno == errno.EFBIG
+    for parts in (("inner",), ("inner", "b.txt"), ("inner", "a.txt", "a.txt"), ("..", tmp_path.name, "inner", "a.txt")):
+        with pytest.raises(OSError, match=r"No such|directory"):
+            names.opened(tmp_path, *parts)
 
 
 @pytest.mark.parametrize(

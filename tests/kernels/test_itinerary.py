@@ -24,6 +24,7 @@ from drift.motion.itinerary import (
     WayPoint,
     Ways,
 )
+from drift.particles.status import Status
 from geo import sphere
 from kernels import itinerary, noise
 from kernels.itinerary import Chance, Plan
@@ -145,5 +146,9 @@ def test_what_comes_from_elsewhere_goes_to_its_first_way_point_at_its_speed() ->
     since = fleet["to_time"] - 4 * HOUR
     np.testing.assert_allclose(left, since * fleet["speed"], rtol=2e-3, atol=10)
     assert left.min() > 30e3
-    fleet.go(40 * HOUR, HOUR, 4 * HOUR)
-    assert (fleet["leg"] >= 2).all()
+    speed = fleet["speed"]
+    fleet.go(60 * HOUR, HOUR, 4 * HOUR)
+    np.testing.assert_array_equal(fleet["speed"], speed)
+    assert (fleet["status"] == Status.ARRIVED).all()
+    lasting = fleet["status_since"] - 4 * HOUR - since  # of the second leg, as long as the table has it
+    np.testing.assert_allclose(lasting * fleet["speed"], 170e3, rtol=1e-3)

@@ -207,3 +207,19 @@ def test_bearings_levels_and_tables_between_their_entries() -> None:
     np.testing.assert_allclose(
         found[:, 2], around, atol=2e-4
     )  # an angle of 9 rad is known to 5e-7, and slopes are 24 a radian
+
+
+@pytest.mark.parametrize("spread", [3.0, 4.0])
+def test_reach_is_that_of_the_loudest_at_its_best(spread: float) -> None:
+    """Of all scenarios and speeds, with the best of what is unknown and the best bearings: as far as 5.3 deviations below 0, to a ring."""
+    random = np.random.default_rng(3)
+    range_ = 300.0 + 250.0 * np.arange(500)
+    losses = (60 + 18 * np.log10(range_ / 300) + random.uniform(-4, 4, (6, 1))).astype(np.float32)
+    gains = random.uniform(-5, 5, 12).astype(np.float32)
+    levels, offsets = np.array([[61.0, 66.0], [49.0, 54.5]], np.float32), np.array([-5.0, 0.0, 4.5], np.float32)
+    tables = listen.Tables(losses, 300.0, 250.0, gains, levels, np.array([0.0, 9.0], np.float32), spread, 1e-3)
+    laid = listen.laid(listen.Stretch(0.0, 600.0, (0, 0), (0, 0)), tables, offsets)
+    best = 66.0 + 4.5 + gains.max() - losses.min(axis=0)
+    farthest = range_[np.flatnonzero(best > -5.3 * spread)[-1]]
+    assert 10e3 < farthest < range_[-1] - 1000
+    assert farthest <= laid.ear.reach <= farthest + 250.0 + listen.MARGIN

@@ -109,3 +109,15 @@ def test_round_a_sensor(bearing: np.ndarray) -> None:
     np.testing.assert_allclose(
         found, np.where(far <= 7300, expected, 0.0), atol=1e-4
     )  # bearings on the sphere, to 1e-4
+
+
+def test_bearings_that_are_uneven_have_rays_of_half_a_degree() -> None:
+    bearing, random = np.radians([10.3, 47.1, 200.2, 331.9]), np.random.default_rng(7)
+    pod = random.random((1, 4, 3)).astype(np.float32)
+    grid = PodGrid(pod, NEVER, bearing=bearing, range=np.array([100.0, 300.0, 500.0]), per=900.0)
+    made = grid_pod.tables(grid, np.datetime64("2026-01-01"), 60.0)
+    rays = made.table.shape[0]
+    assert rays >= 720
+    turn = np.arange(rays) * 2 * np.pi / rays
+    expected = np.stack([np.interp(turn, bearing, column, period=2 * np.pi) for column in pod[0].T], axis=1)
+    np.testing.assert_allclose(made.table, expected, atol=2e-6)

@@ -1,9 +1,11 @@
 """What is told of a cloud held by detections, in closed form."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from drift.tracker import holding
+from drift.tracker import holding, path
 from drift.tracker.following import Particles
 from geo import sphere
 
@@ -37,3 +39,31 @@ def test_spreads_of_courses_and_speeds_count_particles_by_their_weights(ahead: f
 def test_no_particles_have_no_spread() -> None:
     nothing = Particles(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, int))
     assert np.isnan(holding._spread(nothing)).all()
+
+
+def test_what_is_shown_where_nothing_is_asked_for() -> None:
+    """The last detection, the end, and the middle between; where they are one it is shown once."""
+    for last, expected in ((3100.0, (3100.0, 5150.0, 7200.0)), (7200.0, (7200.0,))):
+        seen = SimpleNamespace(time=np.array([100.0, last]))
+        assert holding._usual(SimpleNamespace(end=7200.0), seen) == expected
+
+
+@pytest.mark.parametrize(
+    ("begin", "logged", "until"),
+    [(None, False, 7200.0), (1500.0, False, 1500.0), (1500.0, True, 7200.0), (9000.0, False, 7200.0)],
+)
+def test_silence_counts_until_a_pursuit_begins_unless_a_log_says_where_the_tracker_was(
+    begin: float | None, logged: bool, until: float
+) -> None:
+    chase = None if begin is None else SimpleNamespace(begin=begin)
+    asked = SimpleNamespace(end=7200.0, pursuit=chase, logged=logged)
+    assert holding._silent_until(asked) == pytest.approx(until, abs=1e-5)
+
+
+@pytest.mark.parametrize(("metres", "own"), [(0.0, True), (0.7, True), (1.4, False), (9e3, False)])
+def test_who_begins_where_the_tracker_is_then_is_the_tracker(metres: float, own: bool) -> None:
+    way = path.of_legs(*np.radians([17.3, 53.4]), [path.Leg(0.7, 6.0, 5000.0)])
+    there = np.radians(path.degrees(way.at([1700.0])[0])).ravel()
+    start = tuple(float(v) for v in sphere.destination(*there, 0.6 * metres, 0.8 * metres))
+    assert holding.pursues(SimpleNamespace(tracker=way, pursuit=SimpleNamespace(begin=1700.0, start=start))) == own
+    assert not holding.pursues(SimpleNamespace(tracker=way, pursuit=None))

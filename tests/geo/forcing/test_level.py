@@ -159,6 +159,7 @@ def test_a_lone_depth_is_accepted_by_the_depth_that_the_case_wants(tmp_path: Pat
     uneven = saved(tmp_path / "d.nc", "current", "depth", [3.0, 7.5, 16.0, 31.0], {"units": "m"})
     wanted = {1.0: 1, 5.0: 1, 5.5: 2, 11.0: 2, 12.3: 3, 23.0: 3, 24.0: 4, 33.0: 4}  # the nearest, above or below
     assert {depth: round(10 * east(uneven, "current", depth=depth)) for depth in wanted} == wanted
+    assert east(uneven, "current", depth=-12.3) == pytest.approx(0.3)  # whichever way it counts
     sigma = saved(tmp_path / "c.nc", "current", "s_rho", [-0.9, -0.05], {})
     assert "not in metres" in refusal(sigma, "current", depth=10.0)
 

@@ -177,3 +177,96 @@ def test_triangles(at_centres: bool) -> None:
         np.testing.assert_array_equal(places, node[cells[met]])
         assert made.first == 7 + cells[met].min()
         assert made.lon.size == np.ptp(cells[met]) + 1
+
+
+def test_a_box_beside_the_axes_has_their_last_two_columns() -> None:
+    """As far as two cells off."""
+    axes = Axes(np.arange(3.0, 9.0, 0.5), np.arange(50.0, 54.0, 0.5), np.arange(12), np.arange(8), round=False)
+    for west, expected in ((1.7, [0, 1]), (9.27, [10, 11])):
+        made = layout.crop(axes, Box(west, 51.2, west + 0.53, 51.9))
+        assert isinstance(made, Axes)
+        assert made.columns.tolist() == expected
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_extents_hold_edges_that_are_great_circles(seed: int) -> None:
+    """Of quadrilaterals on both halves of the Earth and about both poles, by points all along their edges.
+
+    Along parallels the farther edge bulges as it is told to the last; there and for a pole it is no more than that.
+    """
+    random = np.random.default_rng(seed)
+    middle = random.uniform([-180, -89.5], [180, 89.5], (400, 2))
+    angle = np.pi / 4 + np.arange(4) * np.pi / 2 + random.uniform(-0.5, 0.5, (400, 4))
+    size = random.uniform(0.5, 9, (400, 4))
+    geod = pyproj.Geod(a=6_371_000, b=6_371_000)
+    lon, lat, _ = geod.fwd(
+        *(np.repeat(v, 4) for v in middle.T), np.degrees(angle).ravel(), np.radians(size).ravel() * 6_371_000
+    )
+    lon, lat = np.reshape(lon, (400, 4)), np.reshape(lat, (400, 4))
+    wide = random.uniform(1, 80, 100)  # along parallels, in turn from the south-west
+    lon[:100] = middle[:100, :1] + np.stack([-wide, wide, wide, -wide], axis=1) / 2
+    lat[:100] = (middle[:100, 1:] * 0.9) + np.array([-2.0, -2.0, 2.0, 2.0])
+    west, width, south, north = layout.extents(lon, lat)
+    place = np.stack([np.cos(np.radians(lat)) * np.cos(np.radians(lon)), np.cos(np.radians(lat)) * np.sin(np.radians(lon)), np.sin(np.radians(lat))], -1)  # fmt: skip
+    share = np.linspace(0, 1, 201)[:, None]
+    edge = (1 - share) * place[:, :, None] + share * np.roll(place, -1, axis=1)[
+        :, :, None
+    ]  # (cells, edges, points, 3), on chords
+    edge = edge.reshape(400, -1, 3)
+    y = np.degrees(np.arctan2(edge[..., 2], np.hypot(edge[..., 0], edge[..., 1])))
+    x = np.degrees(np.unwrap(np.arctan2(edge[..., 1], edge[..., 0]), axis=1))
+    assert (y >= south[:, None] - 1e-9).all()
+    assert (y <= north[:, None] + 1e-9).all()
+    polar = np.abs(x[:, -1] - x[:, 0]) > 180  # once round
+    np.testing.assert_array_equal(width == 360, polar)
+    assert 3 < polar.sum() < 100
+    assert (np.maximum(np.abs(south), np.abs(north))[polar] == 90).all()
+    off = (x - west[:, None] + 1e-9) % 360
+    assert (off[~polar] <= width[~polar, None] + 2e-9).all()
+    np.testing.assert_allclose(width[:100], wide, atol=1e-9)
+    np.testing.assert_allclose(north[:100], y[:100].max(axis=1), atol=1e-6)
+    np.testing.assert_allclose(south[:100], y[:100].min(axis=1), atol=1e-6)
+
+
+def test_of_columns_that_are_needed_here_and_there_the_widest_gaps_are_left_out() -> None:
+    """Of a grid of 300 columns round the Earth: gaps of 61, 54, 41, 27, 18 and 9 between what is needed, and one column on each side."""
+    needed = np.zeros(300, bool)
+    gaps, place = [61, 27, 9, 54, 18, 41], 20
+    for gap in gaps:
+        needed[[place, (place + 14) % 300]] = True
+        needed[place : place + 15] = True
+        place += 15 + gap
+    assert place == 320  # once round
+    taken = layout._pieces(needed, around=True)
+    left_out = set(range(300)) - set(taken.tolist())
+    begin = np.cumsum([20] + [15 + gap for gap in gaps])[:-1] + 15
+    expected = {(b + k) % 300 for b, gap in zip(begin, gaps, strict=True) if gap > 30 for k in range(1, gap - 1)}
+    assert left_out == expected
+    assert taken[0] == (begin[0] + 60) % 300  # after the widest
+    assert (np.diff(taken) % 300 >= 1).all()
+    assert ((taken - taken[0]) % 300).tolist() == sorted(((taken - taken[0]) % 300).tolist())
+
+
+def test_of_a_grid_that_does_not_go_round_its_ends_are_no_neighbours() -> None:
+    needed = np.zeros(100, bool)
+    needed[[0, 1, 2]] = True
+    assert sorted(layout._pieces(needed, around=False).tolist()) == [0, 1, 2, 3]
+    assert sorted(layout._pieces(needed, around=True).tolist()) == [0, 1, 2, 3, 99]
+
+
+@pytest.mark.parametrize(("share", "even"), [(0.0, True), (0.004, True), (0.009, True), (0.013, False), (0.3, False)])
+def test_an_axis_that_jitters_by_a_hundredth_of_a_cell_is_even(share: float, even: bool) -> None:
+    axis = -31.7 + 0.17 * np.arange(40)
+    for k in (7, 31):
+        off = axis.copy()
+        off[k] += share * 0.17 * (-1) ** k
+        assert layout.uniform(off) == even
+
+
+@pytest.mark.parametrize(("gap", "filled"), [(17, True), (18, False)])
+def test_gaps_of_fewer_than_sixteen_columns_are_filled(gap: int, filled: bool) -> None:
+    """One column on each side of what is needed is taken anyway."""
+    needed = np.zeros(100, bool)
+    needed[:10] = needed[10 + gap : 80] = True
+    left_out = set(range(100)) - set(layout._pieces(needed, around=True).tolist())
+    assert left_out == set(range(81, 99)) | (set() if filled else set(range(11, 9 + gap)))
