@@ -36,8 +36,10 @@ TRACKING = [path.stem for path in sorted((ROOT / "cases" / "tracking").glob("*.t
 def commands(particles: int) -> dict[str, list[str]]:
     """Return the arguments of drift by the name of what is tried."""
     few = ["--set", f"particles={particles}"]
-    found = {f"run {case}": ["run", case, *few] for case in RUNS}
-    found["run gulf_containers"] = ["run", "gulf_containers", "--set", "spill.worlds=100"]
+    found = {}
+    for case in RUNS:
+        spill = "\n[spill]\n" in (ROOT / "cases" / f"{case}.toml").read_text(encoding="utf-8")
+        found[f"run {case}"] = ["run", case, *(["--set", "spill.worlds=100"] if spill else few)]
     found |= {
         "run small (members, a line)": ["run", str(SMALL / "small.toml"), *few],
         "plan overdue_boat (searches)": ["plan", "overdue_boat", *few, "--set", "plan.particles=2000"],
