@@ -2,7 +2,7 @@
 
     python benchmarks/backends.py [vulkan ...] [--particles 4000] [--only TEXT] [--out FOLDER]
 
-Each command runs on the CPU and on each backend in a process of its own; results that FOLDER holds already are not made again. The
+Each command that moves particles runs on the CPU and on each backend in a process of its own; results that FOLDER holds already are not made again. The
 table in Markdown: whether it ran, seconds on both, how far particles are apart [m] (median, 99 %, most), how many have another status,
 and the largest differences of POS or another probability, and of an area, in `summary.json` or its like. Rows that end in `=` compare a backend
 with itself: the same run twice, and cut into three shards; there every file must be the same to the bit. Without
@@ -49,7 +49,6 @@ def commands(particles: int) -> dict[str, list[str]]:
         "compare small": [
             "compare", str(SMALL / "small.toml"), "--set-b", "uncertainty.current.std='0.1 m/s'", "--set", f"particles={particles}",
         ],
-        "sensor small_arrays": ["sensor", str(SMALL / "small_arrays.toml"), "west"],
     }  # fmt: skip
     for case in TRACKING:
         if case == "lost_contact":
