@@ -17,7 +17,8 @@ from kernels import runtime
 
 def pytest_configure() -> None:
     runtime.start("cpu", threads=2)
-    hypothesis.settings.register_profile("suite", deadline=None)  # no test reads the clock
+    # No test reads the clock, what one finds it finds each time, and nothing is left in the folder.
+    hypothesis.settings.register_profile("suite", deadline=None, derandomize=True, database=None)
     hypothesis.settings.load_profile("suite")
 
 
@@ -25,6 +26,14 @@ def pytest_collection_finish() -> None:
     """Leave what is imported and collected out of the collector's sight: to look through it takes 0.2 s each time."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure() -> None:
+    """Have Taichi keep what it has compiled: a worker of pytest-xdist ends without the exit at which it would."""
+    import taichi as ti  # not before kernels, which keeps it quiet
+
+    ti.reset()
 
 
 @pytest.fixture(scope="session")
