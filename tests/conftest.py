@@ -9,6 +9,7 @@ from typing import Any
 
 import hypothesis
 import pytest
+from one_thread import Process
 from places import DATA
 
 from drift.forecast import build
@@ -42,6 +43,14 @@ def data() -> Path:
     if not DATA.is_dir():
         pytest.skip(f"no real data: {DATA} is not there; set DRIFT_DATA")
     return DATA.resolve()
+
+
+@pytest.fixture(scope="session")
+def one_thread() -> Iterator[Process]:
+    """A process of one thread, for what has to have the same bits as with the two of the tests."""
+    process = Process()
+    yield process
+    process.end()
 
 
 @pytest.fixture(scope="module")
