@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import drift
-from drift.case import template
+from drift.case import template, tracking
 from drift.cli import commands as cli
 
 pytestmark = pytest.mark.usefixtures("coarse_maps")  # that they are made is asked, not what they show
@@ -38,7 +38,7 @@ def test_a_template_of_a_contact_is_tracked_and_its_path_too(
     assert cli.main(["check", str(given)]) == 0
     assert "ready to run" in capsys.readouterr().out
     assert cli.main(["track", str(given), "--set", "particles=800"]) == 0
-    assert "lost" not in capsys.readouterr().out.replace(drift.track(given).held.study.title, "")
+    assert "lost" not in capsys.readouterr().out.replace(tracking.load(given).title, "")
     assert sorted(path.name for path in Path("contact-track").iterdir()) == [
         "manifest.json", "summary.json", "track.csv", "track.gpx", "track.png", "track_areas.geojson",
     ]  # fmt: skip

@@ -446,7 +446,7 @@ def test_a_case_changed_after_it_was_asked_for_does_not_run(served: Server) -> N
     assert (job["state"], "was changed after" in job["lines"][-1]) == ("failed", True)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_one_run_at_a_time_and_a_cancelled_one_leaves_nothing(served: Server) -> None:
     first = ask_for(served, "run", "slow.toml", SLOW)
     second = ask_for(served, "run", "second.toml", small_case.STEADY)
@@ -620,9 +620,8 @@ def children() -> dict[int, int]:
     return found
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are not listed here")
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.thorough)])
 def test_no_run_outlives_the_server(tmp_path: Path, how: signal.Signals) -> None:
     (tmp_path / "slow.toml").write_text(SLOW, encoding="utf-8")
     with started(tmp_path) as process:

@@ -77,7 +77,9 @@ def coast_of(polygons, box, **options):
 # Crossings
 
 
-@pytest.mark.parametrize("length", [10, 100, 1000, 5000, 50_000])  # [m]
+@pytest.mark.parametrize(
+    "length", [10, 1000, *(pytest.param(m, marks=pytest.mark.thorough) for m in (100, 5000, 50_000))]
+)  # [m]
 def test_crossings_agree_with_shapely(norway, length):
     _, device, land, lines = norway
     rng = np.random.default_rng(length)
