@@ -15,6 +15,10 @@ from places import DATA
 from drift.forecast import build
 from kernels import runtime
 
+SMALL_MAPS = (
+    "backtrack", "cli", "environment", "experiments", "motion", "patrols", "planner", "posterior", "search", "shards", "spill", "suspend",
+)  # fmt: skip
+
 
 def pytest_configure() -> None:
     runtime.start("cpu", threads=2)
@@ -63,6 +67,13 @@ def coarse_maps() -> Iterator[None]:
         patch.setattr(build, "ACROSS", 120)
         patch.setattr(build, "ACROSS_ONE", 240)
         yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_maps(request: pytest.FixtureRequest) -> None:
+    """Make small maps in the folders whose tests read no number off one; a module that does has a fixture of this name, which does nothing."""
+    if request.path.parent.name in SMALL_MAPS:
+        request.getfixturevalue("coarse_maps")
 
 
 @pytest.fixture(scope="module")

@@ -384,7 +384,7 @@ def over(served: Server, number: int) -> Any:
 OUTSIDE = ("/etc/passwd", "../secret.toml", "/etc/*", "*/../../*.toml", "linked/summary.json", "link.toml", "http://169.254.169.254/x", "file:///etc/passwd", "${HOME}/x.nc")  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ["check", "run"])
+@pytest.mark.parametrize("kind", [pytest.param("check", marks=pytest.mark.thorough), "run"])
 def test_a_case_reads_nothing_outside(served: Server, kind: str) -> None:
     """Every way of naming it is refused, a line each, where files are opened: in the process of the job."""
     sources = "".join(f"[[current]]\nname = 'c{k}'\nfiles = '{written}'\n" for k, written in enumerate(OUTSIDE))

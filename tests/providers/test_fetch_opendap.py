@@ -280,6 +280,7 @@ def test_a_run_reads_what_was_fetched(tmp_path: Path) -> None:
     assert result.summary["account"]["outside"] == 0
 
 
+@pytest.mark.thorough
 def test_what_was_killed_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

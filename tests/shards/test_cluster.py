@@ -109,6 +109,7 @@ def test_workers_see_whether_there_is_forcing_as_the_run_begins(
         assert not list(tmp_path.glob(".refused*"))
 
 
+@pytest.mark.thorough
 def test_a_worker_that_is_killed_costs_its_shards_only(
     case: drift.Case, made: drift.Result, client: Any, tmp_path: Path
 ) -> None:

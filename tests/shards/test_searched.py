@@ -247,7 +247,10 @@ RESAMPLED = {
 
 @pytest.mark.parametrize(
     "rule",
-    [pytest.param(rule, id=name, marks=[pytest.mark.thorough] * (name == "kahn")) for name, rule in RESAMPLED.items()],
+    [
+        pytest.param(rule, id=name, marks=[pytest.mark.thorough] * (name in ("kahn", "across")))
+        for name, rule in RESAMPLED.items()
+    ],
 )
 def test_what_steers_is_searched_as_in_one_piece(rule: str, tmp_path: Path) -> None:
     case = load(tmp_path, STEERED.replace("below = 0\n", f"{rule}\n" if rule else "below = 0\n"))
@@ -282,6 +285,11 @@ def test_what_drifts_is_searched_as_in_one_piece(searched: tuple[drift.Case, dri
     """On a coast that refloats, with debris and a sortie that drifts with its marker."""
     case, whole = searched
     same(whole, drift.run(case, shards=9))
+
+
+@pytest.mark.thorough
+def test_what_drifts_is_resampled_as_in_one_piece(searched: tuple[drift.Case, drift.Result]) -> None:
+    case, _ = searched
     anew = drift.vary(case, {"resampling": {"below": 0.9}})
     again = drift.run(anew)
     assert again.updates is not None

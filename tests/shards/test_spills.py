@@ -429,6 +429,7 @@ def test_shards_are_blocks_of_worlds(case: drift.Case, capsys: pytest.CaptureFix
     assert divide.number(many, None, None, divide.Workers(2, 3, 8 * 2**30)) >= 8
 
 
+@pytest.mark.thorough
 def test_memory_that_the_finds_need_is_told(case: drift.Case) -> None:
     many = drift.vary(case, {"spill.worlds": 100_000})  # 6,600 bytes each at 4 outputs, whatever their particles
     for particles in (35, 70):

@@ -234,7 +234,7 @@ def test_a_process_of_an_address_ends_with_ours_even_when_that_is_killed() -> No
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 @pytest.mark.parametrize(
     ("command", "number", "status"),
-    [("info", signal.SIGINT, 130), ("run", signal.SIGTERM, 143)],
+    [("info", signal.SIGINT, 130), pytest.param("run", signal.SIGTERM, 143, marks=pytest.mark.thorough)],
 )
 def test_signals_end_a_wait_for_a_server(tmp_path: Path, command: str, number: int, status: int) -> None:
     """Within two seconds; `run` waits in the thread that reads ahead: the server falls silent after the first slices."""
