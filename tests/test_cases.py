@@ -27,7 +27,7 @@ def given(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> st
 @pytest.mark.parametrize("given", NAMES, indirect=True)
 def test_case_runs(given: str) -> None:
     """With few particles: nothing is refused, and all of the probability is somewhere at its end."""
-    fewer = {"particles": "400", "output": '{ every = "100 d" }'}
+    fewer = {"output": '{ every = "100 d" }', "particles": str(max(400, 40 * len(case_file.load(given).scenarios)))}
     if case_file.load(given).spill:
         fewer |= {"spill.worlds": "64", "spill.per_world": "20"}
         del fewer["particles"]
