@@ -9,15 +9,21 @@ from typing import Any
 
 import hypothesis
 import pytest
+from one_thread import Process
 from places import DATA
 
 from drift.forecast import build
 from kernels import runtime
 
+SMALL_MAPS = (
+    "backtrack", "cli", "environment", "experiments", "motion", "patrols", "planner", "posterior", "search", "shards", "spill", "suspend",
+)  # fmt: skip
+
 
 def pytest_configure() -> None:
     runtime.start("cpu", threads=2)
-    hypothesis.settings.register_profile("suite", deadline=None)  # no test reads the clock
+    # No test reads the clock, what one finds it finds each time, and nothing is left in the folder.
+    hypothesis.settings.register_profile("suite", deadline=None, derandomize=True, database=None)
     hypothesis.settings.load_profile("suite")
 
 
@@ -27,12 +33,28 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure() -> None:
+    """Have Taichi keep what it has compiled: a worker of pytest-xdist ends without the exit at which it would."""
+    import taichi as ti  # not before kernels, which keeps it quiet
+
+    ti.reset()
+
+
 @pytest.fixture(scope="session")
 def data() -> Path:
     """The folder of real forcing files: DRIFT_DATA, or shared/data beside the checkout; skipped where absent."""
     if not DATA.is_dir():
         pytest.skip(f"no real data: {DATA} is not there; set DRIFT_DATA")
     return DATA.resolve()
+
+
+@pytest.fixture(scope="session")
+def one_thread() -> Iterator[Process]:
+    """A process of one thread, for what has to have the same bits as with the two of the tests."""
+    process = Process()
+    yield process
+    process.end()
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +67,13 @@ def coarse_maps() -> Iterator[None]:
         patch.setattr(build, "ACROSS", 120)
         patch.setattr(build, "ACROSS_ONE", 240)
         yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_maps(request: pytest.FixtureRequest) -> None:
+    """Make small maps in the folders whose tests read no number off one; a module that does has a fixture of this name, which does nothing."""
+    if request.path.parent.name in SMALL_MAPS:
+        request.getfixturevalue("coarse_maps")
 
 
 @pytest.fixture(scope="module")

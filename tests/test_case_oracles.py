@@ -396,7 +396,7 @@ def overdue_yacht(rng: np.random.Generator, n: int) -> list[tuple[Array, Array, 
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_yachts_are_where_a_second_opinion_says() -> None:
     """Shares, means and second moments 84 h after the departure, under way, adrift, ashore and in port."""
     theirs = overdue_yacht(np.random.default_rng(20_260_605), 3_000)
@@ -509,7 +509,6 @@ NAMES = (
     "covariance",
 )
 BUILT_IN = ("overdue_boat", "gulf_containers")
-SEARCHED = ("overdue_boat", "norkyst_raft")
 UNSEARCHED = ("gulf_containers", "washington_piw", "biscay_drifter", "paria_boat", "paria", "washington_drums")
 
 
@@ -535,8 +534,9 @@ def world_of(
     return world, (float(world.clouds[0].lon.mean()), float(world.clouds[0].lat.mean()))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", UNSEARCHED)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.thorough] * (name != "washington_piw")) for name in UNSEARCHED]
+)
 def test_case_is_what_a_second_opinion_says(
     name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -639,8 +639,7 @@ def posterior(told: list[Told], weights: list[Array]) -> tuple[Array, Array]:
     return np.concatenate(found), np.concatenate(errors)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SEARCHED)
+@pytest.mark.parametrize("name", ["overdue_boat", pytest.param("norkyst_raft", marks=pytest.mark.thorough)])
 def test_case_and_its_sorties_are_what_a_second_opinion_says(
     name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -14,18 +14,40 @@ NAMES = [name for name, _ in case_file.shipped() if name not in shipped.COMPARED
 CASES = ROOT / "cases"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-def test_case_finds_what_it_expects(name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def given(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The name of a case, whose files can be found."""
+    name: str = request.param
     if "DRIFT_DATA" in (CASES / f"{name}.toml").read_text():  # the others need no file
         monkeypatch.setenv("DRIFT_DATA", str(request.getfixturevalue("data")))
+    return name
+
+
+@pytest.mark.usefixtures("coarse_maps")
+@pytest.mark.parametrize("given", NAMES, indirect=True)
+def test_case_runs(given: str) -> None:
+    """With few particles: nothing is refused, and all of the probability is somewhere at its end."""
+    fewer = {"output": '{ every = "100 d" }', "particles": str(max(400, 40 * len(case_file.load(given).scenarios)))}
+    if case_file.load(given).spill:
+        fewer |= {"spill.worlds": "64", "spill.per_world": "20"}
+        del fewer["particles"]
+    account = flow.run(case_file.load(given, fewer)).summary["account"]
+    assert sum(account.values()) == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [pytest.param(name, marks=[pytest.mark.thorough] * (name != "overdue_boat")) for name in NAMES],
+    indirect=True,
+)
+def test_case_finds_what_it_expects(given: str) -> None:
     # A fifth of the particles: means move by spread / sqrt(20,000), less than 1 % of any spread here. Of a spill, 250 worlds
     # of 80: shares move by their spread between worlds / sqrt(250), a third of the ranges.
     fewer = {"particles": "20_000"}
-    if case_file.load(name).spill:
+    if case_file.load(given).spill:
         fewer = {"spill.worlds": "250", "spill.per_world": "80"}
     fewer["output"] = '{ every = "100 d" }'  # the start and the end: expectations are of the end
-    assert shipped.misses(flow.run(case_file.load(name, fewer))) == []
+    assert shipped.misses(flow.run(case_file.load(given, fewer))) == []
 
 
 def test_a_miss_is_told() -> None:

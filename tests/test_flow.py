@@ -1,12 +1,11 @@
 """The whole flow: the same bits on any number of threads, backward as forward, accounts that add up, no one inland."""
 
 import pickle
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from one_thread import Process
 
 import drift
 from drift.particles.status import Status
@@ -41,19 +40,19 @@ def case_of(folder: Path, **changes: object) -> drift.Case:
 
 
 ONE = """
-import pickle, sys
+import pickle
 import drift
-case = drift.load("overdue_boat", dict(one.split("=", 1) for one in sys.argv[2:]))
+case = drift.load("overdue_boat", dict(one.split("=", 1) for one in given[1:]))
 data = drift.run(case, threads=1).forecast.data
-with open(sys.argv[1], "wb") as file:
+with open(given[0], "wb") as file:
     pickle.dump({name: data[name].values for name in data.variables}, file)
 """
 
 
-def test_one_thread_gives_the_bits_of_all(tmp_path: Path) -> None:
+def test_one_thread_gives_the_bits_of_all(one_thread: Process, tmp_path: Path) -> None:
     """The default case, smaller; one thread in a process of its own, since a process keeps its threads."""
     smaller = ("particles=8_000", "duration='18 h'", "sortie=[]", "unit=[]", "plan={}")
-    subprocess.run([sys.executable, "-c", ONE, str(tmp_path / "one"), *smaller], check=True, capture_output=True)
+    one_thread.ask(ONE, str(tmp_path / "one"), *smaller)
     one = pickle.loads((tmp_path / "one").read_bytes())
     two = drift.run(drift.load("overdue_boat", dict(one.split("=", 1) for one in smaller))).forecast.data
     assert set(one) == set(two.variables)

@@ -27,7 +27,7 @@ def shares(submarines: pacific.Submarines) -> tuple[Array, Array]:
     return share, np.sqrt((1 - 2 * share) * square + share**2 * (weight**2).sum())
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_pacsearch_is_what_a_second_opinion_says() -> None:
     """Evidence of each watch, routes, speeds and departures after each update, and the mean position at the end."""
     settings = {"particles": str(OURS), "resampling": "{}", "expect": "{}"}

@@ -443,8 +443,9 @@ SEEN = {
 }  # particles: theirs, ours
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", POSTERIORS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.thorough] * (name != "cast_submarine")) for name in POSTERIORS]
+)
 def test_what_was_seen_says_what_a_second_opinion_says(name: str) -> None:
     """Posterior of the stories, what has arrived, mean and second moments at the end, given all sensors and contacts."""
     n, particles = SEEN[name]

@@ -10,13 +10,10 @@ those that the sea reaches (Pontchartrain, Maurepas): these are always water. GS
 """
 
 import glob
-import gzip
 import hashlib
-import importlib.metadata
 import json
 import os
 import re
-import tempfile
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,10 +21,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import platformdirs
 import shapely
 
 from geo.box import Box
+from geo.coast import gshhg
 from geo.errors import UserError
 from geo.files import fence
 
@@ -89,9 +86,8 @@ def land(source: str | os.PathLike[str], box: Box, lakes: bool | str | os.PathLi
         return Shore(np.empty(0, object), "none", ("no coast: particles pass over land",), cut)
     notes: tuple[str, ...] = ()
     if kind == "gshhg":
-        version = importlib.metadata.version("roaring-landmask")
-        polygons = _cached(f"gshhg-{version}_{cut.west:g}_{cut.south:g}_{cut.east:g}_{cut.north:g}.wkb.gz", cut)
-        origin = f"GSHHG, full resolution (roaring-landmask {version})"
+        polygons = clip(gshhg.near(cut), cut)
+        origin = f"GSHHG, full resolution (roaring-landmask {gshhg.version()})"
     else:
         polygons, notes = _of_file(Path(name), lakes is True)
         polygons = clip(polygons, cut)
@@ -107,12 +103,12 @@ def land(source: str | os.PathLike[str], box: Box, lakes: bool | str | os.PathLi
 def whole(source: str | os.PathLike[str], lakes: bool | str | os.PathLike[str] = False) -> Polygons:
     """Return the land polygons of a source as `land` takes it, of the whole Earth, cut nowhere.
 
-    A file of lakes is left out. GSHHG takes seconds.
+    A file of lakes is left out. GSHHG takes a second.
     """
     name = os.fspath(source)
     if name.lower() == "none":
         return np.empty(0, object)
-    return _gshhg() if name.lower() == "gshhg" else _of_file(Path(name), lakes is True)[0]
+    return gshhg.whole() if name.lower() == "gshhg" else _of_file(Path(name), lakes is True)[0]
 
 
 def _of_file(path: Path, lakes: bool) -> tuple[Polygons, tuple[str, ...]]:
@@ -179,7 +175,7 @@ def clip(polygons: Polygons, box: Box) -> Polygons:
     """Return the polygons' parts in a box, shifted by whole turns to its longitudes and joined at 180 degrees."""
     bounds = shapely.bounds(polygons)
     pieces = []
-    for turn in (-360.0, 0.0, 360.0):
+    for turn in gshhg.TURNS:
         near = (bounds[:, 0] + turn <= box.east) & (bounds[:, 2] + turn >= box.west)
         near &= (bounds[:, 1] <= box.north) & (bounds[:, 3] >= box.south)
         shifted = polygons[near]
@@ -245,36 +241,6 @@ def _repaired(polygons: Polygons) -> tuple[Polygons, tuple[str, ...]]:
         polygons = np.where(broken, shapely.make_valid(polygons), polygons)
         notes = (f"{broken.sum()} of {broken.size} shoreline polygons crossed themselves and were repaired",)
     return _polygonal(np.array([shapely.union_all(polygons)])), notes
-
-
-def cache_folder() -> Path:
-    """Return the folder of cached land: DRIFT_CACHE, or the user's cache folder of this system."""
-    return Path(os.environ.get("DRIFT_CACHE") or platformdirs.user_cache_dir("casp-drift"))
-
-
-def _cached(name: str, box: Box) -> Polygons:
-    """Return GSHHG's land in a box, from the cache where it is there; otherwise it is put there."""
-    path = cache_folder() / name
-    try:
-        return np.asarray(shapely.get_parts(shapely.from_wkb(gzip.decompress(path.read_bytes()))))
-    except (OSError, EOFError, shapely.errors.GEOSException):
-        polygons = clip(_gshhg(), box)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=name, delete=False) as file:
-            file.write(gzip.compress(shapely.to_wkb(shapely.multipolygons(polygons)), 1, mtime=0))
-        os.replace(file.name, path)
-    except OSError:  # a cache that cannot be written costs seconds next time, not the run
-        pass
-    return polygons
-
-
-def _gshhg() -> Polygons:
-    """Return the polygons of GSHHG, the whole Earth."""
-    # Shapes.wkb takes 2.4 s; the package's RoaringLandmask.new() would take 6 s and 1.3 GB.
-    from roaring_landmask import LandmaskProvider, Shapes
-
-    return np.asarray(shapely.get_parts(shapely.from_wkb(Shapes.wkb(LandmaskProvider.Gshhg))))
 
 
 def _read(path: Path, word: str, wanted: str) -> _Contents:

@@ -76,14 +76,20 @@ def grid(sea, side, courses, time):
     return some.take(np.flatnonzero(ways.possible(sea, some, time)))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [3, 8])
-def test_no_way_of_a_fine_grid_is_better(seed):
-    some = tracks(seed, m=500)
+@pytest.mark.parametrize(
+    ("seed", "m", "side", "courses"),
+    [
+        (3, 150, 6, 8),
+        pytest.param(3, 500, 9, 12, marks=pytest.mark.thorough),
+        pytest.param(8, 500, 9, 12, marks=pytest.mark.thorough),
+    ],
+)
+def test_no_way_of_a_grid_is_better(seed, m, side, courses):
+    some = tracks(seed, m=m)
     sea = ways.sea(ship(seed), BEGIN, BEGIN + 18 * 3600)
     plan = placement.place([sea], some, seed)
     hearer = heard.hearer(sea, some)
-    every = grid(sea, 9, 12, some.time)
+    every = grid(sea, side, courses, some.time)
     best = placement.worth(hearer, every, some.weight[:, None], placement.FINE).max()
     assert plan.value >= 0.99 * best
 
@@ -140,18 +146,18 @@ def recursion(excess, spread, rate, part):
     from scipy.stats import norm
 
     p = np.minimum(norm.cdf(excess / spread), 1 - 1e-12)
-    begin = np.empty(len(p))
+    ended, highest = np.empty(len(p)), np.zeros(len(p))  # of each part: who jumped in it; the highest chance from it on
     inner = (np.exp(-rate * p * part) - math.exp(-rate * part)) / (1 - p)
+    ages = np.exp(-rate * part * np.arange(len(p))[::-1])  # the last are of k - 1 parts, ..., 0
     for k in range(len(p)):
-        highest = np.maximum.accumulate(p[: k + 1][::-1])[::-1]
-        since = np.exp(-rate * part * (k - np.arange(1.0, k + 1)))
-        begin[k] = math.exp(-rate * part * k) * (1 - highest[0]) + np.sum(
-            since * begin[:k] * inner[:k] * (1 - highest[:-1])
-        )
-    return begin[-1] * math.exp(-rate * p[-1] * part)
+        np.maximum(highest[: k + 1], p[k], out=highest[: k + 1])
+        begin = math.exp(-rate * part * k) * (1 - highest[0])
+        begin += (ages[len(p) - k :] * ended[:k]) @ (1 - highest[:k])
+        ended[k] = begin * inner[k]
+    return begin * math.exp(-rate * p[-1] * part)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_two_ships_share_the_work():
     some = tracks(4, m=500)
     seas = [ways.sea(ship(4, name, legs=2), BEGIN, BEGIN + 18 * 3600) for name in ("one", "two")]
@@ -191,7 +197,7 @@ def test_arrays_of_one_group_share_an_unknown():
     assert np.abs(apart - told).max() > 0.01
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [*(pytest.param(seed, marks=pytest.mark.thorough) for seed in range(3)), 3])
 def test_bound_holds_against_what_is_better_than_any_ship(seed):
     """A ship that jumps at each slot to the best of all places still hears no more than the bound says."""
     some = tracks(seed, m=300)

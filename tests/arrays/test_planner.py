@@ -67,9 +67,10 @@ def load(folder, text=CASE):
     return drift.load(path)
 
 
-@pytest.mark.slow
-def test_a_plan_is_worth_what_its_watches_hear(tmp_path):
-    case = load(tmp_path)
+@pytest.mark.parametrize("planned", [1000, pytest.param(4000, marks=pytest.mark.thorough)])
+def test_a_plan_is_worth_what_its_watches_hear(tmp_path, planned):
+    of = CASE.replace("\nparticles = 4000\n", f"\nparticles = {planned}\n")
+    case = load(tmp_path, of)
     plan, _ = drift.place(case, tmp_path / "out")
     told = json.loads((tmp_path / "out" / "arrays.json").read_text())
     assert told["pod"] == plan.pos
@@ -79,7 +80,7 @@ def test_a_plan_is_worth_what_its_watches_hear(tmp_path):
     assert all(value <= plan.placement.value + 1e-9 for _, value in plan.placement.alternatives)
     assert plan.bound.plan <= plan.bound.value
     # The watches appended to the case, as if they had been kept, leave the same.
-    kept = load(tmp_path, CASE + (tmp_path / "out" / "arrays.toml").read_text())
+    kept = load(tmp_path, of + (tmp_path / "out" / "arrays.toml").read_text())
     result = drift.run(kept)
     missed = np.prod([1 - np.asarray(update.pos)[-1] for update in result.updates.all])
     assert 1 - missed == pytest.approx(plan.pos, abs=2e-3)  # of places rounded to a metre and times to a second

@@ -186,7 +186,7 @@ def test_an_array_that_is_towed_on_a_known_way(tmp_path):
     assert [float(table[3:].sum()) > 0 for table in plan.hearing.chance] == [False, True, True, True, False, False]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_ships_of_the_same_plan_are_placed_first(tmp_path):
     ship = (
         '[[tow]]\nname = "ship"\nsensor = "tail"\nbegin = { centre = "35 30N 180E", length = "40 nmi", width = "40 nmi" }\nspeed = "5 kn"\n'

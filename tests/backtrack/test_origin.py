@@ -312,7 +312,7 @@ def straight() -> shoreline.Coast:
     return shoreline.build(Shore(np.array([shape], object), "test", (), BOX), Box(-1.2, -1.2, 1.2, 1.2))
 
 
-@pytest.mark.parametrize("count", [1, 4])
+@pytest.mark.parametrize("count", [1, pytest.param(4, marks=pytest.mark.thorough)])
 def test_finds_ashore_tell_the_release_by_the_law_of_arrivals(tmp_path, count: int) -> None:
     """Arrivals at a straight shore follow the inverse Gaussian law, waits the exponential: quadrature over both.
 

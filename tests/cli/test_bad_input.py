@@ -273,6 +273,7 @@ commands.leave()
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(os.name != "posix", reason="signals and HOME of POSIX")
 def test_a_signal_while_files_are_written_leaves_nothing(tmp_path: Path) -> None:
     """Results of before stay as they were; an exception inside HDF5 once left the process waiting for its own lock.

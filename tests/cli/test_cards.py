@@ -4,13 +4,14 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from places import ROOT
 
 from drift.cli import commands
-from kernels import devices, drivers
+from kernels import devices, drivers, runtime
 from kernels.devices import Device, Listed
 
 GIB = 2**30
@@ -41,9 +42,35 @@ def listing(monkeypatch: pytest.MonkeyPatch):
     return lists
 
 
-def shell(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """Return what the command does in a process of its own, on a machine whose drivers are not there."""
-    (folder / "case.toml").write_text(CASE, encoding="utf-8")
+Command = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture(params=["here", pytest.param("process", marks=pytest.mark.thorough)])
+def shell(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> Command:
+    """Return what does a command on a machine whose drivers are not there.
+
+    That is here, where a backend seems not to have been started and the one that is taken runs already, or in a process.
+    """
+    (tmp_path / "case.toml").write_text(CASE, encoding="utf-8")
+    if request.param == "process":
+        return lambda *words: apart(tmp_path, *words)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(drivers, "_library", lambda *names: None)
+    monkeypatch.setattr(runtime, "_init", lambda backend, threads, device: None)
+
+    def here(*words: str) -> subprocess.CompletedProcess[str]:
+        monkeypatch.setattr(runtime, "_started", {})
+        capfd.readouterr()
+        status = commands.main(list(words))
+        return subprocess.CompletedProcess(words, status, *capfd.readouterr())
+
+    return here
+
+
+def apart(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Return what the command does in a process of its own."""
     code = "import sys; from kernels import drivers, devices; from drift.cli import commands\n"
     code += "drivers._library = lambda *names: None\nsys.exit(commands.main(sys.argv[1:]))"
     return subprocess.run(
@@ -101,27 +128,29 @@ def test_info_takes_files_or_cards(words: tuple[str, ...], why: str, capsys: pyt
     assert capsys.readouterr().err.startswith(f"drift: {why}")
 
 
-def test_a_card_that_is_not_there_is_refused_before_a_file_is_touched_and_the_remedy_works(tmp_path: Path) -> None:
-    done = shell(tmp_path, "run", "case.toml", "--backend", "cuda", "--out", "out")
+def test_a_card_that_is_not_there_is_refused_before_a_file_is_touched_and_the_remedy_works(
+    shell: Command, tmp_path: Path
+) -> None:
+    done = shell("run", "case.toml", "--backend", "cuda", "--out", "out")
     assert done.returncode == 2
     assert done.stderr == (
         "drift: --backend cuda: no NVIDIA driver is found; install NVIDIA's driver (a container: start it with --gpus all), "
         "or use --backend cpu\n"
     )
     assert [path.name for path in tmp_path.iterdir()] == ["case.toml"]
-    mended = shell(tmp_path, "run", "case.toml", "--backend", "cpu", "--out", "out")
+    mended = shell("run", "case.toml", "--backend", "cpu", "--out", "out")
     assert mended.returncode == 0
     before = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}
-    again = shell(tmp_path, "run", "case.toml", "--backend", "vulkan", "--out", "out", "--overwrite")
+    again = shell("run", "case.toml", "--backend", "vulkan", "--out", "out", "--overwrite")
     assert again.returncode == 2
     assert again.stderr.startswith("drift: --backend vulkan: no Vulkan loader is found; install the card's driver")
     assert {path: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
 
 
 @pytest.mark.parametrize("command", ["run", "experiment"])
-def test_auto_says_in_a_line_what_it_took(command: str, tmp_path: Path) -> None:
+def test_auto_says_in_a_line_what_it_took(command: str, shell: Command, tmp_path: Path) -> None:
     few = ["--runs", "2"] if command == "experiment" else []
-    done = shell(tmp_path, command, "case.toml", "--backend", "auto", "--out", "out", "--json", *few)
+    done = shell(command, "case.toml", "--backend", "auto", "--out", "out", "--json", *few)
     assert done.returncode == 0
     line = "drift: --backend auto takes cpu: a card is worth it from 100,000 particles or clouds on, and this has 500"
     assert done.stderr.splitlines().count(line) == 1
@@ -130,18 +159,22 @@ def test_auto_says_in_a_line_what_it_took(command: str, tmp_path: Path) -> None:
     assert "device" not in summary
 
 
-def test_auto_is_silent_where_that_is_asked_and_says_that_workers_have_processors(tmp_path: Path) -> None:
-    pytest.importorskip("distributed")
-    quiet = shell(tmp_path, "run", "case.toml", "--backend", "auto", "--out", "quiet", "--quiet")
+def test_auto_is_silent_where_that_is_asked(shell: Command) -> None:
+    quiet = shell("run", "case.toml", "--backend", "auto", "--out", "quiet", "--quiet")
     assert (quiet.returncode, quiet.stderr) == (0, "")
-    done = shell(tmp_path, "run", "case.toml", "--backend", "auto", "--out", "out", "--workers", "1")
+
+
+@pytest.mark.thorough
+def test_auto_says_that_workers_have_processors(shell: Command) -> None:
+    pytest.importorskip("distributed")
+    done = shell("run", "case.toml", "--backend", "auto", "--out", "out", "--workers", "1")
     assert done.returncode == 0
     assert "drift: --backend auto takes cpu: workers move particles on processors" in done.stderr.splitlines()
 
 
-def test_serve_refuses_a_card_that_is_not_there_before_it_listens(tmp_path: Path) -> None:
+def test_serve_refuses_a_card_that_is_not_there_before_it_listens(shell: Command) -> None:
     pytest.importorskip("uvicorn")
-    done = shell(tmp_path, "serve", ".", "--backend", "cuda", "--no-browser")
+    done = shell("serve", ".", "--backend", "cuda", "--no-browser")
     assert done.returncode == 2
     assert done.stderr.startswith("drift: --backend cuda: no NVIDIA driver is found; ")
     assert done.stdout == ""

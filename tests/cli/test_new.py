@@ -6,22 +6,29 @@ from pathlib import Path
 import pytest
 
 import drift
-from drift.case import template
+from drift.case import template, tracking
 from drift.cli import commands as cli
 
-pytestmark = pytest.mark.usefixtures("coarse_maps")  # that they are made is asked, not what they show
 SMALL = {"spill": ["--set", "spill.worlds=100", "--set", "duration=1 d"]}
 
 
-@pytest.mark.parametrize("story", template.STORIES)
+@pytest.mark.parametrize(
+    ("story", "runs"),
+    [
+        *((story, False) for story in template.STORIES if story != "search"),
+        *(pytest.param(story, True, marks=[pytest.mark.thorough] * (story != "search")) for story in template.STORIES),
+    ],
+)
 def test_a_template_is_accepted_as_it_is_and_runs(
-    story: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    story: str, runs: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert cli.main(["new", story]) == 0
     assert capsys.readouterr().out.endswith(f"Next: drift check {story}.toml\n")
     assert cli.main(["check", f"{story}.toml"]) == 0
     assert "ready to run" in capsys.readouterr().out
+    if not runs:
+        return
     assert cli.main(["run", f"{story}.toml", "--quiet", *SMALL.get(story, ["--set", "particles=2000"])]) == 0
     assert drift.results(f"{story}-forecast")
 
@@ -38,7 +45,7 @@ def test_a_template_of_a_contact_is_tracked_and_its_path_too(
     assert cli.main(["check", str(given)]) == 0
     assert "ready to run" in capsys.readouterr().out
     assert cli.main(["track", str(given), "--set", "particles=800"]) == 0
-    assert "lost" not in capsys.readouterr().out.replace(drift.track(given).held.study.title, "")
+    assert "lost" not in capsys.readouterr().out.replace(tracking.load(given).title, "")
     assert sorted(path.name for path in Path("contact-track").iterdir()) == [
         "manifest.json", "summary.json", "track.csv", "track.gpx", "track.png", "track_areas.geojson",
     ]  # fmt: skip

@@ -476,7 +476,7 @@ def over(served: Server, number: int) -> Any:
 OUTSIDE = ("/etc/passwd", "../secret.toml", "/etc/*", "*/../../*.toml", "linked/summary.json", "link.toml", "http://169.254.169.254/x", "file:///etc/passwd", "${HOME}/x.nc")  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ["check", "run"])
+@pytest.mark.parametrize("kind", [pytest.param("check", marks=pytest.mark.thorough), "run"])
 def test_a_case_reads_nothing_outside(served: Server, kind: str) -> None:
     """Every way of naming it is refused, a line each, where files are opened: in the process of the job."""
     sources = "".join(f"[[current]]\nname = 'c{k}'\nfiles = '{written}'\n" for k, written in enumerate(OUTSIDE))
@@ -538,7 +538,7 @@ def test_a_case_changed_after_it_was_asked_for_does_not_run(served: Server) -> N
     assert (job["state"], "was changed after" in job["lines"][-1]) == ("failed", True)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_one_run_at_a_time_and_a_cancelled_one_leaves_nothing(served: Server) -> None:
     first = ask_for(served, "run", "slow.toml", SLOW)
     second = ask_for(served, "run", "second.toml", small_case.STEADY)
@@ -712,9 +712,8 @@ def children() -> dict[int, int]:
     return found
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are not listed here")
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.thorough)])
 def test_no_run_outlives_the_server(tmp_path: Path, how: signal.Signals) -> None:
     (tmp_path / "slow.toml").write_text(SLOW, encoding="utf-8")
     with started(tmp_path) as process:

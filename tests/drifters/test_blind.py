@@ -4,8 +4,10 @@ import math
 
 import blind_drifters
 import numpy as np
+import pytest
 
 
+@pytest.mark.thorough
 def test_areas_hold_what_they_say_where_most_drifters_run_aground():
     """Of 70 drifters round a headland and an island, within 3 standard errors of independent ones at 6, 12, 24, 48 h.
 

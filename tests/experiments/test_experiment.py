@@ -1,13 +1,12 @@
 """Experiments of any case: files, refusals, common random numbers, the same bits with one thread and two."""
 
 import csv
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from one_thread import Process
 
 import drift
 from drift.cli import commands
@@ -154,20 +153,19 @@ def test_how_often_areas_hold_the_target_is_told_at_each_time(tmp_path: Path) ->
         assert len(set(shares)) > 2
 
 
-@pytest.mark.slow
-def test_the_command_writes_the_same_bits_with_one_thread_and_two(tmp_path: Path) -> None:
+def test_the_command_writes_the_same_bits_with_one_thread_and_two(
+    one_thread: Process, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     made = {}
     for threads in (1, 2):
         out = tmp_path / str(threads)
         words = ["experiment", "closing", "--runs", "3", "--set", "particles=200", "--out", str(out)]
-        done = subprocess.run(
-            [sys.executable, "-m", "drift", *words, "--threads", str(threads)],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-        assert "naive, combined" in done.stdout
+        if threads == 1:
+            done = one_thread.ask("from drift.cli import commands; answer = commands.main(given)", *words)
+        else:
+            done = commands.main(words)
+            assert "naive, combined" in capsys.readouterr().out
+        assert done == 0
         made[threads] = {
             name: (out / name).read_bytes()
             for name in ("experiment.csv", "experiment_runs.csv", "experiment_times.csv")

@@ -72,7 +72,7 @@ def drift_on(
     return ensemble, moments
 
 
-@pytest.mark.parametrize("step", [900, 1800, 3600])
+@pytest.mark.parametrize("step", [pytest.param(900, marks=pytest.mark.thorough), 1800, 3600])
 def test_arrivals_with_diffusion_follow_the_inverse_gaussian_law(step: int) -> None:
     """Brownian motion with drift first meets a line at distance a after IG(a / u, a^2 / 2D) (Schroedinger 1915).
 
@@ -142,7 +142,7 @@ def test_without_diffusion_arrivals_are_those_of_the_straight_way(step: int) -> 
     assert lat == pytest.approx(-0.2 + 0.05 * 0.1 / 0.25, abs=2 * METRE)
 
 
-@pytest.mark.parametrize("step", [900, 1800, 3600])
+@pytest.mark.parametrize("step", [*(pytest.param(step, marks=pytest.mark.thorough) for step in (900, 1800)), 3600])
 def test_sliding_follows_the_shore_at_the_drift_along_it(step: int) -> None:
     """A shore that leans 30 degrees: beyond the landing the way is the drift's part along it, whatever the step."""
     lean = np.radians(30)

@@ -41,7 +41,7 @@ def launched(folder: Path, **environment: str) -> subprocess.CompletedProcess[st
     )
 
 
-@pytest.mark.parametrize("named", [False, True])
+@pytest.mark.parametrize("named", [False, pytest.param(True, marks=pytest.mark.thorough)])
 def test_a_cache_that_cannot_be_written_costs_a_line(tmp_path: Path, named: bool) -> None:
     """Of the home, and of the variable; the remedy that the line names works."""
     (tmp_path / "file").write_text("", encoding="utf-8")

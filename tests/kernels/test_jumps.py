@@ -62,7 +62,7 @@ def simulated(p, rate, part, many, seed):
     return left / many
 
 
-@pytest.mark.parametrize(("many", "parts"), [(1, 600), (9, 3600)])
+@pytest.mark.parametrize(("many", "parts"), [(1, 600), pytest.param(9, 3600, marks=pytest.mark.thorough)])
 def test_against_a_simulation_of_the_process(many, parts):
     p, part = peaks(many, 9.3 * HOUR, parts)
     rate, draws = 1.1 / HOUR, 2_000_000

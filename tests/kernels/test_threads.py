@@ -60,7 +60,9 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "small.toml"
 
 
-@pytest.mark.parametrize("program", [AT_ONCE, ASYNC], ids=["threads", "asyncio"])
+@pytest.mark.parametrize(
+    "program", [pytest.param(AT_ONCE, id="threads"), pytest.param(ASYNC, id="asyncio", marks=pytest.mark.thorough)]
+)
 def test_threads_of_a_program_run_cases_one_after_another(path: Path, program: str) -> None:
     """Whether Taichi was started by the main thread or by neither; the maps are those of the main thread, bit for bit."""
     made = subprocess.run([sys.executable, "-c", HEAD + program, str(path)], capture_output=True, text=True)

@@ -243,8 +243,7 @@ def searched(path: Path, sorties: str, **how: object) -> list[dict]:
     return list(drift.run(drift.load(path)).summary["search"]["updates"])
 
 
-@pytest.mark.usefixtures("coarse_maps")
-@pytest.mark.parametrize("law", ["inverse_cube", "definite_range"])
+@pytest.mark.parametrize("law", ["inverse_cube", pytest.param("definite_range", marks=pytest.mark.thorough)])
 def test_a_search_over_the_pole_finds_what_the_same_search_at_the_equator_finds(tmp_path: Path, law: str) -> None:
     """The globe turned so that its pole lies on the equator: places, legs, and a current in the tangent plane."""
     # Offsets (east, north) [nmi] from the middle, as at the meridian of 0.

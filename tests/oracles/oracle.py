@@ -72,7 +72,8 @@ class Coast:
 
 
 @lru_cache(maxsize=1)
-def _gshhg() -> Array:
+def earth() -> Array:
+    """Return the polygons of GSHHG, the whole Earth, as their package holds them."""
     from roaring_landmask import LandmaskProvider, Shapes
 
     return shapely.get_parts(shapely.from_wkb(Shapes.wkb(LandmaskProvider.Gshhg)))
@@ -80,7 +81,7 @@ def _gshhg() -> Array:
 
 def gshhg(west: float, south: float, east: float, north: float) -> Coast:
     """Return GSHHG in a box."""
-    everything = _gshhg()
+    everything = earth()
     bounds = shapely.bounds(everything)
     near = (bounds[:, 0] < east) & (bounds[:, 2] > west) & (bounds[:, 1] < north) & (bounds[:, 3] > south)
     return coast(everything[near], west, south, east, north)

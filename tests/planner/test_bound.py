@@ -51,7 +51,7 @@ def any_legs(c: np.ndarray) -> np.ndarray:
     return 1 - np.exp(-4 * c * c / np.pi) + c * special.erfc(2 * c / np.sqrt(np.pi))
 
 
-@pytest.mark.parametrize("u", [0.6, 1.9])
+@pytest.mark.parametrize("u", [pytest.param(0.6, marks=pytest.mark.thorough), 1.9])
 def test_a_circular_normal(u: float) -> None:
     """Koopman 1957: 1 - (1 + u) e^-u; a disc searched once: 1 - exp(-u^2 / 2). Never below, and little above."""
     optima = [(Law("random"), 1 - (1 + u) * np.exp(-u)), (Law("definite_range"), 1 - np.exp(-u * u / 2))]
@@ -339,7 +339,10 @@ MOVING = {
 }
 
 
-@pytest.mark.parametrize("name", MOVING)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.thorough] * (name in ("mixes", "spreads tenfold"))) for name in MOVING],
+)
 def test_what_moves_is_bounded(name: str) -> None:
     """Legs laid by hand, and the optimiser's plan, on the very particles of the bound: no slack."""
     std, error, convergence, hours, speed, search = MOVING[name]

@@ -99,8 +99,14 @@ def fetched(folder: Path, address: str, box: tuple[float, ...], **more: object) 
     return drift.fetch(box=box, catalogue=written(folder, address, protocol), **how)
 
 
-@pytest.mark.parametrize("protocol", ["opendap", "erddap"])
-@pytest.mark.parametrize("axes", AXES)
+@pytest.mark.parametrize(
+    ("axes", "protocol"),
+    [  # each way of counting by one protocol; by the other one too in the thorough stage
+        pytest.param(axes, protocol, marks=[pytest.mark.thorough] * ((k + j) % 2))
+        for k, axes in enumerate(AXES)
+        for j, protocol in enumerate(("opendap", "erddap"))
+    ],
+)
 def test_a_subset_is_the_source_to_the_bit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, axes: str, protocol: str
 ) -> None:
@@ -274,6 +280,7 @@ def test_a_run_reads_what_was_fetched(tmp_path: Path) -> None:
     assert result.summary["account"]["outside"] == 0
 
 
+@pytest.mark.thorough
 def test_what_was_killed_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,8 +3,6 @@
 import csv
 import hashlib
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -13,6 +11,7 @@ import numpy as np
 import pytest
 import shapely
 import shapely.affinity
+from one_thread import Process
 from pyproj import Geod
 
 import drift
@@ -35,13 +34,26 @@ SMALL = {"particles": "600"}
 SPACE = {"g": "http://www.topografix.com/GPX/1/1"}
 
 
-def test_a_track_is_written(tmp_path: Path) -> None:
-    found = drift.track("lost_contact", tmp_path / "out", changes=SMALL)
-    names = {file.name for file in (tmp_path / "out").iterdir()}
+@pytest.fixture(scope="module")
+def contact(tmp_path_factory: pytest.TempPathFactory) -> tuple[Regained, Path]:
+    """The shipped case of 600 particles, and the folder of its files."""
+    out = tmp_path_factory.mktemp("contact") / "out"
+    return drift.track("lost_contact", out, changes=SMALL), out
+
+
+@pytest.fixture
+def alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have one cloud of other random numbers in place of nine, where nothing is asked of them: they are most of the time."""
+    monkeypatch.setattr(holding, "OTHERS", 1)
+
+
+def test_a_track_is_written(contact: tuple[Regained, Path]) -> None:
+    found, out = contact
+    names = {file.name for file in out.iterdir()}
     assert names == {
         "manifest.json", "path.csv", "path.gpx", "summary.json", "track.csv", "track.gpx", "track.png", "track_areas.geojson",
     }  # fmt: skip
-    rows = list(csv.DictReader((tmp_path / "out" / "track.csv").read_text(encoding="utf-8").splitlines()))
+    rows = list(csv.DictReader((out / "track.csv").read_text(encoding="utf-8").splitlines()))
     assert [row["time"] for row in rows] == sorted({row["time"] for row in rows})  # one a time
     assert len(rows) == len(np.unique(found.held.time))
     assert [row["detection"] for row in rows].count("yes") == 9
@@ -49,11 +61,11 @@ def test_a_track_is_written(tmp_path: Path) -> None:
     last = rows[-1]
     lon, lat = path.degrees(found.held.place[-1])
     assert (float(last["lat"]), float(last["lon"])) == pytest.approx((float(lat), float(lon)), abs=1e-4)
-    root = ET.parse(tmp_path / "out" / "track.gpx").getroot()
+    root = ET.parse(out / "track.gpx").getroot()
     points = root.findall("g:trk/g:trkseg/g:trkpt", SPACE)
     assert len(points) == len(rows) - 1
     assert points[-1].findtext("g:time", namespaces=SPACE) == "2026-03-05T04:15:00Z" == last["time"]
-    areas = json.loads((tmp_path / "out" / "track_areas.geojson").read_text(encoding="utf-8"))["features"]
+    areas = json.loads((out / "track_areas.geojson").read_text(encoding="utf-8"))["features"]
     assert len(areas) == 2 * len(found.held.shown)
     for k, cloud in enumerate(one.cloud for one in found.held.shown):
         half, most = (shapely.geometry.shape(areas[2 * k + j]["geometry"]) for j in range(2))
@@ -70,7 +82,7 @@ def test_a_track_is_written(tmp_path: Path) -> None:
         assert cloud is not None
         inside = cloud.weight[shapely.contains_xy(most, *path.degrees(cloud.place))].sum()
         assert inside > 0.85
-    told = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["track"]
+    told = json.loads((out / "summary.json").read_text(encoding="utf-8"))["track"]
     assert told["lost"] == []
     assert [one["held"] for one in told["shown"]] == [True] * 5
     for one, (time, cloud) in zip(told["shown"], ((each.time, each.cloud) for each in found.held.shown), strict=True):
@@ -90,13 +102,13 @@ def test_a_track_is_written(tmp_path: Path) -> None:
         words = text.facts(found)[notation.group(text.moment(found, time))]
         assert f", course {round(one['course_deg']) % 360:03d} +- {one['course_spread_deg']:.0f}, " in words
         assert f", {one['speed_kn']:.0f} +- {one['speed_std_kn']:.0f} kn; 50 %" in words
-    assert (tmp_path / "out" / "track.png").stat().st_size > 50_000
+    assert (out / "track.png").stat().st_size > 50_000
 
 
-def test_a_path_is_written(tmp_path: Path) -> None:
-    found = drift.track("lost_contact", tmp_path / "out", changes=SMALL)
+def test_a_path_is_written(contact: tuple[Regained, Path]) -> None:
+    found, out = contact
     assert isinstance(found.chased, Chased)
-    rows = list(csv.DictReader((tmp_path / "out" / "path.csv").read_text(encoding="utf-8").splitlines()))
+    rows = list(csv.DictReader((out / "path.csv").read_text(encoding="utf-8").splitlines()))
     assert [row["time"] for row in rows] == [f"2026-03-05T0{3 + m // 60}:{m % 60:02d}:00Z" for m in range(15, 76, 10)]
     lon, lat = (np.array([float(row[key]) for row in rows]) for key in ("lon", "lat"))
     azimuth, _, made = Geod(a=sphere.RADIUS, b=sphere.RADIUS).inv(lon[:-1], lat[:-1], lon[1:], lat[1:])
@@ -121,11 +133,14 @@ def test_a_path_is_written(tmp_path: Path) -> None:
         f" % of the cloud within 5 nmi (of {100 * near:.0f} % that come where it could be), of another"
         in text.facts(found)["path"]
     )
-    route = ET.parse(tmp_path / "out" / "path.gpx").getroot().findall("g:rte/g:rtept", SPACE)
+    route = ET.parse(out / "path.gpx").getroot().findall("g:rte/g:rtept", SPACE)
     assert [float(point.get("lat", "")) for point in route] == pytest.approx(lat, abs=1e-4)
 
 
-def test_the_tracker_that_goes_a_path_is_not_drawn_on_the_legs_it_leaves(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("alone")
+def test_the_tracker_that_goes_a_path_is_not_drawn_on_the_legs_it_leaves(
+    contact: tuple[Regained, Path], tmp_path: Path
+) -> None:
     """With legs until the end of the case and a path from their tenth minute on; of another vessel's path, and of a log, all is drawn."""
     legs = '[tracker]\nat = "14N 077W"\nlegs = [{ course = 30, speed = "20 kn" }]\n'
     chase = '[pursuit]\nspeed = "25 kn"\nreach = "3 nmi"\nbegin = "10 min"\nstep = "5 min"\n'
@@ -140,10 +155,11 @@ def test_the_tracker_that_goes_a_path_is_not_drawn_on_the_legs_it_leaves(tmp_pat
         assert "planned on what was known" not in text.facts(found).get("warning", "")  # of legs, which are no log
         went = EARTH.inv(-77, 14, *(float(x) for x in path.degrees(place[-1])))[2]
         assert went == pytest.approx(20 * KNOT * end, rel=1e-4)  # a rhumb line of 10 nmi at 14 N
-    log = drift.track("lost_contact", changes=SMALL)
+    log, _ = contact
     assert map._own(log)[1][-1] == min(log.held.study.tracker.time[-1], log.held.study.end)
 
 
+@pytest.mark.usefixtures("alone")
 def test_a_path_keeps_off_the_land_there_is(tmp_path: Path) -> None:
     """From Kingston round the east of Jamaica to the north: no point of the path is on land, of which the straight way has much."""
     moved = {
@@ -371,12 +387,13 @@ def test_a_path_that_cannot_be_leaves_the_track(
     assert told["path"] == {"found": False, "why": words}
 
 
-def test_the_command_writes_the_same_bits_with_one_thread_and_two(tmp_path: Path) -> None:
+def test_the_command_writes_the_same_bits_with_one_thread_and_two(
+    contact: tuple[Regained, Path], one_thread: Process, tmp_path: Path
+) -> None:
+    words = ["track", "lost_contact", "--set", "particles=600", "--threads", "1", "--out", str(tmp_path / "one"), "--quiet"]  # fmt: skip
+    assert one_thread.ask("from drift.cli import commands; answer = commands.main(given)", *words) == 0
     made = []
-    for threads in ("1", "2"):
-        out = tmp_path / threads
-        words = ["track", "lost_contact", "--set", "particles=600", "--threads", threads, "--out", str(out), "--quiet"]
-        subprocess.run([sys.executable, "-m", "drift", *words], check=True)
+    for out in (tmp_path / "one", contact[1]):
         features = json.loads((out / "track_areas.geojson").read_text(encoding="utf-8"))["features"]
         made.append((features, *((out / name).read_bytes() for name in ("track.csv", "path.csv", "track.png"))))
     assert made[0] == made[1]
@@ -426,9 +443,11 @@ fastest = "32 kn"
     assert files.numbers(found)["lost"] == [{"time": "2026-03-05T02:06:00Z", "sensors": ["radar"]}]
 
 
-def test_a_mean_beside_the_half_that_is_likeliest_and_a_track_that_is_found_again_are_told() -> None:
+def test_a_mean_beside_the_half_that_is_likeliest_and_a_track_that_is_found_again_are_told(
+    contact: tuple[Regained, Path],
+) -> None:
     """The area of 50 % of another time in its place holds no mean; losses by a radar whose silence is told of while the end has a track."""
-    held = holding.hold(replace(tracking.load("lost_contact", SMALL), pursuit=None))
+    held = contact[0].held
     k = held.row(held.shown[2].time)
     when = notation.group(text.moment(Regained(held), held.time[k]))
     assert held.within[k] == 0.5
@@ -467,6 +486,7 @@ def test_what_silence_loses_in_the_second_of_a_plot_is_not_said_to_have_had_no_w
     assert "050002ZMAR26" not in same.get("lost", "")  # then the radar's log is not whole
 
 
+@pytest.mark.usefixtures("alone")
 @pytest.mark.parametrize("first", ["radar", "ears"])
 def test_what_is_drawn_anew_in_the_second_of_a_sweep_is_cut_by_what_that_did_not_see(
     tmp_path: Path, first: str
@@ -487,6 +507,7 @@ def test_what_is_drawn_anew_in_the_second_of_a_sweep_is_cut_by_what_that_did_not
     assert len(lon) == pytest.approx(3000 * 50 / 60, abs=3 * np.sqrt(3000 * 5 / 36))  # of ranges drawn from 0 to 60 nmi
 
 
+@pytest.mark.usefixtures("alone")
 def test_a_mean_that_lies_in_no_area_is_no_place(tmp_path: Path) -> None:
     """After a range alone the mean is on the tracker: track.csv says so, track.gpx leaves it out, and what is said calls it no one place."""
     (tmp_path / "d.csv").write_text(
@@ -543,7 +564,8 @@ PLOTS = """
 title = "x"
 start = "2026-03-05T00:00Z"
 duration = "35 min"
-every = "5 min"
+every = "35 min"
+show = ["35 min"]
 particles = 8000
 detections = "d.csv"
 land = "ignore"
@@ -574,6 +596,7 @@ fastest = "32 kn"
 """
 
 
+@pytest.mark.usefixtures("alone")
 def test_what_a_plot_leaves_of_the_cloud_is_told(tmp_path: Path) -> None:
     """A fix, and from there two plots on either side, 10 min apart: the share of the cloud in their boxes, in the plane.
 
@@ -783,7 +806,8 @@ def test_clouds_that_disagree_on_whether_a_track_is_held_are_told() -> None:
         assert (f"at {when} {many} of 9 clouds of other random numbers hold {what} track" in said) == (many > 0)
 
 
-def test_a_tracker_that_leaps_is_told(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("alone")
+def test_a_tracker_that_leaps_is_told(contact: tuple[Regained, Path], tmp_path: Path) -> None:
     """One latitude ten minutes off: 10 nmi more in 5 min and back, about 144 kn where it makes 25 mostly."""
     log = (Path(drift.__file__).parents[1] / "cases" / "tracking" / "lost_contact.csv").read_text(encoding="utf-8")
     (tmp_path / "d.csv").write_text(log.replace("14 02.569N", "14 12.569N"), encoding="utf-8")
@@ -791,7 +815,7 @@ def test_a_tracker_that_leaps_is_told(tmp_path: Path) -> None:
         "warning"
     ]
     assert "kn from 2026-03-05T02:05:00Z to 2026-03-05T02:10:00Z, mostly it makes 24 kn: check its latitudes" in told
-    assert "would make" not in text.facts(drift.track("lost_contact", changes=SMALL)).get("warning", "")
+    assert "would make" not in text.facts(contact[0]).get("warning", "")
 
 
 LOGGED = """
@@ -813,6 +837,7 @@ fastest = "32 kn"
 """
 
 
+@pytest.mark.usefixtures("alone")
 def test_a_log_that_ends_with_the_case_counts_to_its_end_with_a_path_too(tmp_path: Path) -> None:
     """The boat was at the edge of the radar's reach: whether silence after the path's begin counts makes another track."""
     chase = '[pursuit]\nspeed = "20 kn"\nreach = "2 nmi"\nbegin = "30 min"\nstep = "5 min"\n'
@@ -844,6 +869,7 @@ def test_a_log_that_ends_with_the_case_counts_to_its_end_with_a_path_too(tmp_pat
     assert (drift.track(tmp_path / "c.toml").held.place[-3] != alone[-1]).any()  # nobody knows where it is from then on
 
 
+@pytest.mark.usefixtures("alone")
 def test_a_path_does_not_change_the_track(tmp_path: Path) -> None:
     """With a log that knows the vessel to where it begins the track is the same, bit for bit, with a pursuit and without."""
     case = (Path(drift.__file__).parents[1] / "cases" / "tracking" / "lost_contact.toml").read_text(encoding="utf-8")

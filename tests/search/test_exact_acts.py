@@ -132,7 +132,7 @@ def boxes() -> list[tuple[np.ndarray, np.ndarray]]:
     return [moved(rng, story) for story in ("keeps on", "flees", "seeks")]
 
 
-@pytest.mark.parametrize("step", [120, 1800])
+@pytest.mark.parametrize("step", [pytest.param(120, marks=pytest.mark.thorough), 600, 1800])
 def test_stories_are_weighed_as_brute_force_weighs_them(
     step: int, boxes: list[tuple[np.ndarray, np.ndarray]], tmp_path: Path
 ) -> None:

@@ -98,6 +98,7 @@ def test_ranks_and_how_many_count(run: Result) -> None:
     assert likeliest in [row["scenario"] for row in rows[:3]]
 
 
+@pytest.mark.thorough
 def test_with_particles_drawn_anew_across_scenarios(tmp_path: Path) -> None:
     """Resampled after the look and the barrier: scenarios and axes within three standard errors that the particles left say themselves.
 

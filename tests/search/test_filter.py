@@ -4,9 +4,6 @@ import dataclasses
 import hashlib
 import itertools
 import math
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -816,18 +813,16 @@ def of_every_kind(folder):
     return f"{any(update.resampled for update in told.all[:-1])} {digest} {told.log_evidence.hex()}"
 
 
-def test_the_same_bits_for_any_number_of_threads(tmp_path):
+def test_the_same_bits_for_any_number_of_threads(one_thread, tmp_path):
     """A process of its own has one; this one has two."""
     script = """
-import pathlib, sys
-sys.path[:0] = sys.argv[1], sys.argv[1] + "/../oracles"
-from kernels import runtime
-runtime.start(threads=1)
-import test_filter
-print(test_filter.of_every_kind(pathlib.Path(sys.argv[2])))
+import importlib.util, pathlib
+of = importlib.util.spec_from_file_location("test_filter", given[0])
+module = importlib.util.module_from_spec(of)
+of.loader.exec_module(module)
+answer = module.of_every_kind(pathlib.Path(given[1]))
 """
-    command = [sys.executable, "-c", script, str(Path(__file__).parent), str(tmp_path)]
-    one = subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+    one = one_thread.ask(script, __file__, str(tmp_path))
     assert one == of_every_kind(tmp_path)
     assert one.startswith("True")
 

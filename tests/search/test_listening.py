@@ -9,8 +9,6 @@ oracle's own times leave the rest.
 import itertools
 import json
 import math
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sonars
+from one_thread import Process
 from scipy import integrate, special
 from sonars import KNOT, NMI, Sonar, Way, heard, louder, missed, rhumb, run
 
@@ -247,7 +246,7 @@ def targets(ran: sonars.Ran, sonar: Sonar) -> Callable[[float], tuple[np.ndarray
     return at
 
 
-@pytest.mark.parametrize("step", [5, 10, 30, 60])
+@pytest.mark.parametrize("step", [*(pytest.param(step, marks=pytest.mark.thorough) for step in (5, 30)), 10, 60])
 def test_what_moves_past_a_sonar(tmp_path: Path, step: int) -> None:
     """What drifts, is released late, keeps a course, bends, arrives, and goes adrift while it is listened for."""
     sonar = array(at=STEAD, heading=205.0, levels=LEVELS, unknown=0.0)
@@ -324,7 +323,7 @@ def mean_over(unknown: float, likelihood: Callable[[float], np.ndarray]) -> np.n
     return np.asarray(found)
 
 
-@pytest.mark.parametrize("share", [0.5, 1.0, 1.5])
+@pytest.mark.parametrize("share", [*(pytest.param(share, marks=pytest.mark.thorough) for share in (0.5, 1.5)), 1.0])
 def test_watches_and_looks_share_an_unknown(tmp_path: Path, share: float) -> None:
     """Two watches and two looks of two sonars of a group, and a sonar of another: one mean over each group's unknown.
 
@@ -385,24 +384,15 @@ def test_outputs_show_watches_under_way_and_change_nothing(tmp_path: Path) -> No
 
 
 THREADS = """
-import sys
-sys.path.insert(0, sys.argv[1])
 from pathlib import Path
-import numpy as np
-from kernels import runtime
-runtime.start("cpu", threads=1)
 import sonars
-text = Path(sys.argv[2], "text").read_text()
-np.save(Path(sys.argv[2], "one.npy"), sonars.run(Path(sys.argv[2]), text).said)
+answer = sonars.run(Path(given[0]), given[1]).said.tobytes().hex()
 """
 
 
-def test_one_thread_and_two(tmp_path: Path) -> None:
+def test_one_thread_and_two(one_thread: Process, tmp_path: Path) -> None:
     text = everything(tmp_path)
-    (tmp_path / "text").write_text(text)
-    folder = str(Path(sonars.__file__).parent)
-    subprocess.run([sys.executable, "-c", THREADS, folder, str(tmp_path)], check=True)
-    assert np.load(tmp_path / "one.npy").tobytes() == run(tmp_path, text).said.tobytes()
+    assert one_thread.ask(THREADS, str(tmp_path), text) == run(tmp_path, text).said.tobytes().hex()
 
 
 BRIDGE = """
@@ -415,19 +405,19 @@ bridge = { k = "6 nmi/sqrt(h)", points = [
 """
 
 
-def test_bridges_are_heard_alike_at_all_steps(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("many", "draws"), [(2000, 500), pytest.param(6000, 1500, marks=pytest.mark.thorough)])
+def test_bridges_are_heard_alike_at_all_steps(tmp_path: Path, many: int, draws: int) -> None:
     """Mean POD of steps within 2 %, beside 3 standard errors, and within 4 % of that of paths in NumPy, told each minute.
 
     Both leave out what a path does between: the run where it strays by less than the 2 km between ranges of the table.
     """
-    many = 6000
     sonar = array(at=STEAD, heading=205.0, levels={"smuggler": 137.0})
     found = [
         1 - np.exp(run(tmp_path, BRIDGE + sonar.text(tmp_path) + WATCH, particles=many, step=step).said)
         for step in (5, 60)
     ]
     random = np.random.default_rng(3)
-    draws, times_ = 1500, np.linspace(0, 6, 1801)
+    times_ = np.linspace(0, 6, 1801)
     walk = np.cumsum(random.normal(size=(draws, 1801, 2)) * math.sqrt(6 / 1800) * 6 * NMI, axis=1)
     walk -= walk[:, :1] + (times_ / 6)[:, None] * (walk[:, -1:] - walk[:, :1])
     ends = [sonars.plane((-30.3, 36.05), *np.array([at]).T) for at in ((-30.7, 36.0), (-29.9, 36.1))]
@@ -455,7 +445,14 @@ def test_bridges_are_heard_alike_at_all_steps(tmp_path: Path) -> None:
     assert max(means) - min(means) < 0.02 * pod.mean() + noise
 
 
-@pytest.mark.parametrize(("method", "across"), [("systematic", "false"), ("kahn", "false"), ("systematic", "true")])
+@pytest.mark.parametrize(
+    ("method", "across"),
+    [
+        pytest.param("systematic", "false", marks=pytest.mark.thorough),
+        pytest.param("kahn", "false", marks=pytest.mark.thorough),
+        ("systematic", "true"),
+    ],
+)
 def test_resampling_keeps_what_has_been_heard(tmp_path: Path, method: str, across: str) -> None:
     """Resampled in the middle of watches that share an unknown: evidence by scenario within 3.5 standard errors of the draw."""
     text = everything(tmp_path)
@@ -476,7 +473,7 @@ def test_resampling_keeps_what_has_been_heard(tmp_path: Path, method: str, acros
         assert abs(found[k] - exact[k]) < 3.5 * math.sqrt(2) * error, k
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_maps")
 def test_in_shards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three shards tell to the bit what one piece does: tracks with weights, updates."""

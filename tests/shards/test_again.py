@@ -121,6 +121,7 @@ def test_results_of_another_run_stand_until_the_new_ones_are_complete(
     assert same_files.differences(tmp_path / "fresh", out) == []
 
 
+@pytest.mark.thorough
 def test_killed_while_the_results_are_exchanged(case: drift.Case, out: Path, folder: Path, tmp_path: Path) -> None:
     """The new manifest does not stand: the next run puts the old files back, and replaces them from its finished shards."""
     before = {name: contents for name, (_, contents) in held(out).items()}

@@ -109,6 +109,7 @@ def test_workers_see_whether_there_is_forcing_as_the_run_begins(
         assert not list(tmp_path.glob(".refused*"))
 
 
+@pytest.mark.thorough
 def test_a_worker_that_is_killed_costs_its_shards_only(
     case: drift.Case, made: drift.Result, client: Any, tmp_path: Path
 ) -> None:
@@ -124,6 +125,7 @@ def test_a_worker_that_is_killed_costs_its_shards_only(
     assert killed
 
 
+@pytest.mark.thorough
 def test_a_run_after_one_that_was_stopped_is_its_own(case: drift.Case, client: Any, tmp_path: Path) -> None:
     """On the same workers, while somebody still holds what was raised."""
 
@@ -192,6 +194,7 @@ def test_workers_let_go_of_a_run_that_is_over(case: drift.Case, client: Any, tmp
         time.sleep(0.05)
 
 
+@pytest.mark.thorough
 def test_a_client_that_is_closed_is_one_line(case: drift.Case, tmp_path: Path) -> None:
     with cluster.connected(1, None) as client:
         pass
@@ -199,6 +202,7 @@ def test_a_client_that_is_closed_is_one_line(case: drift.Case, tmp_path: Path) -
         drift.run(case, tmp_path / "out", client=client)
 
 
+@pytest.mark.thorough
 def test_a_cluster_without_workers(
     case: drift.Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -226,6 +230,7 @@ def test_a_cluster_without_workers(
             drift.run(case, tmp_path / "out", client=client, shards=9, report=report)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("another", [True, False])
 def test_a_worker_that_is_lost_before_it_hands_over_what_it_did(
     case: drift.Case, made: drift.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, another: bool
@@ -273,6 +278,7 @@ def test_the_scheduler_is_lost_where_shards_meet(client: Any, tmp_path: Path, mo
         drift.run(searched, tmp_path / "out", client=client, shards=3)
 
 
+@pytest.mark.thorough
 def test_the_schedulers_loss_is_one_line(case: drift.Case, made: drift.Result, tmp_path: Path) -> None:
     """Killed in the middle: what is finished is kept, and the same run goes on from there without a cluster."""
     out, address = tmp_path / "out", tmp_path / "scheduler.json"
@@ -320,6 +326,7 @@ def test_no_such_cluster(workers: int | None, address: str | None, said: str, mo
         pass
 
 
+@pytest.mark.thorough
 def test_a_worker_that_dies_while_all_are_asked_is_no_fault(client: Any) -> None:
     """Others are asked, and one that comes in its stead is asked with its first shard."""
     for _ in range(3):
@@ -329,6 +336,7 @@ def test_a_worker_that_dies_while_all_are_asked_is_no_fault(client: Any) -> None
         assert cluster.workers_of(client).count in (1, 2)
 
 
+@pytest.mark.thorough
 def test_a_worker_that_hangs_is_not_waited_for_for_ever(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """It takes the question, and never answers."""
     client.wait_for_workers(2, timeout=60)
@@ -342,6 +350,7 @@ def test_a_worker_that_hangs_is_not_waited_for_for_ever(client: Any, monkeypatch
         os.kill(hangs, signal.SIGCONT)
 
 
+@pytest.mark.thorough
 def test_a_local_cluster_that_does_not_end_is_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
     class Slow(distributed.LocalCluster):
         wait = 3600.0
@@ -375,6 +384,7 @@ def test_a_worker_that_cannot_answer_is_refused(client: Any, monkeypatch: pytest
         cluster.workers_of(client)
 
 
+@pytest.mark.thorough
 def test_workers_say_how_much_memory_they_have(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two on this machine, and the process that was started."""
     client.wait_for_workers(2, timeout=60)

@@ -461,6 +461,7 @@ def test_a_link_to_a_disk_with_more_room(case: drift.Case, made: drift.Result, t
         drift.run(case, tmp_path / "third", shards=4)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unwritten")
 @pytest.mark.parametrize("where", ["data", "index"])
 def test_killed_while_a_file_is_written(case: drift.Case, made: drift.Result, tmp_path: Path, where: str) -> None:

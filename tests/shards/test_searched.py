@@ -245,7 +245,13 @@ RESAMPLED = {
 }
 
 
-@pytest.mark.parametrize("rule", RESAMPLED.values(), ids=RESAMPLED)
+@pytest.mark.parametrize(
+    "rule",
+    [
+        pytest.param(rule, id=name, marks=[pytest.mark.thorough] * (name in ("kahn", "across")))
+        for name, rule in RESAMPLED.items()
+    ],
+)
 def test_what_steers_is_searched_as_in_one_piece(rule: str, tmp_path: Path) -> None:
     case = load(tmp_path, STEERED.replace("below = 0\n", f"{rule}\n" if rule else "below = 0\n"))
     whole = drift.run(case)
@@ -265,7 +271,7 @@ def test_what_steers_is_searched_as_in_one_piece(rule: str, tmp_path: Path) -> N
         np.testing.assert_allclose(stage.marginals[told_by].table[-1], update.posterior, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_a_sonar_heard_is_as_in_one_piece(tmp_path: Path) -> None:
     case = load(tmp_path, STEERED.replace("below = 0\n", "below = 0.6\n") + HEARD)
     whole = drift.run(case)
@@ -279,6 +285,11 @@ def test_what_drifts_is_searched_as_in_one_piece(searched: tuple[drift.Case, dri
     """On a coast that refloats, with debris and a sortie that drifts with its marker."""
     case, whole = searched
     same(whole, drift.run(case, shards=9))
+
+
+@pytest.mark.thorough
+def test_what_drifts_is_resampled_as_in_one_piece(searched: tuple[drift.Case, drift.Result]) -> None:
+    case, _ = searched
     anew = drift.vary(case, {"resampling": {"below": 0.9}})
     again = drift.run(anew)
     assert again.updates is not None
@@ -296,7 +307,9 @@ class Killed(Exception):
     """Stands for a kill: nothing of what was under way is tidied."""
 
 
-@pytest.mark.parametrize("after", [1, 8, 14])
+@pytest.mark.parametrize(
+    "after", [pytest.param(1, marks=pytest.mark.thorough), 8, pytest.param(14, marks=pytest.mark.thorough)]
+)
 def test_a_search_that_was_killed_goes_on(
     after: int, resampled: tuple[drift.Case, drift.Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -387,7 +400,13 @@ def test_a_case_changed_in_python_is_another(tmp_path: Path) -> None:
     assert said.digest(drift.load(case.path)) == said.digest(case)
 
 
-@pytest.mark.parametrize("text", [STEERED, runs.CASE + runs.SEARCHED], ids=["steered", "searched"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        pytest.param(STEERED, id="steered", marks=pytest.mark.thorough),
+        pytest.param(runs.CASE + runs.SEARCHED, id="searched"),
+    ],
+)
 def test_a_shard_that_is_done_leaves_nothing_in_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str
 ) -> None:

@@ -153,6 +153,7 @@ def test_another_forcing_takes_nothing_over(case: drift.Case, tmp_path: Path) ->
     runs.same(drift.run(own, out, shards=4), drift.run(own))
 
 
+@pytest.mark.thorough
 def test_workers_share_them(case: drift.Case, made: drift.Result, tmp_path: Path) -> None:
     """What a worker reads for the first shard is there for the others: the files are those of one run."""
     from drift.shards import cluster

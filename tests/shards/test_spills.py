@@ -188,7 +188,7 @@ def moved(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return numbers
 
 
-@pytest.mark.parametrize("many", [2, 3, 5])
+@pytest.mark.parametrize("many", [2, pytest.param(3, marks=pytest.mark.thorough), 5])
 def test_no_number_of_shards_changes_a_bit(case: drift.Case, made: drift.Result, many: int) -> None:
     same(drift.run(case, shards=many), made)
 
@@ -221,8 +221,11 @@ def test_no_more_than_a_part_is_read_at_once(
 
 @pytest.mark.parametrize(
     ("behaviour", "current", "more"),
-    [('"strand"', CURRENT, FINDS), (REFLOAT, MEMBERS, FINDS), ('"strand"', MEMBERS, "")],
-    ids=["strands", "members", "no finds"],
+    [
+        pytest.param('"strand"', CURRENT, FINDS, id="strands", marks=pytest.mark.thorough),
+        pytest.param(REFLOAT, MEMBERS, FINDS, id="members"),
+        pytest.param('"strand"', MEMBERS, "", id="no finds"),
+    ],
 )
 def test_other_coasts_and_members(tmp_path: Path, behaviour: str, current: str, more: str) -> None:
     case = case_of(tmp_path, more, behaviour=behaviour, current=current)
@@ -249,7 +252,7 @@ def test_the_step_is_chosen_on_the_same_particles(case: drift.Case) -> None:
     assert cut.spans == ((0, 64), (64, 96), (96, 150))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_no_file_differs(case: drift.Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of a plan of patrols, which has all the files of a forecast and its own."""
     patrol.patrol(case, tmp_path / "whole")
@@ -292,7 +295,7 @@ def test_a_run_that_was_stopped_goes_on(
 
 
 @pytest.mark.usefixtures("unwritten")
-@pytest.mark.parametrize("number", [1, 4])
+@pytest.mark.parametrize("number", [pytest.param(1, marks=pytest.mark.thorough), 4])
 def test_an_altered_file_of_a_round_is_made_again(
     case: drift.Case,
     made: drift.Result,
@@ -351,6 +354,7 @@ def client() -> Iterator[Any]:
         yield client
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unwritten")
 def test_two_workers_make_the_same(
     case: drift.Case,
@@ -425,6 +429,7 @@ def test_shards_are_blocks_of_worlds(case: drift.Case, capsys: pytest.CaptureFix
     assert divide.number(many, None, None, divide.Workers(2, 3, 8 * 2**30)) >= 8
 
 
+@pytest.mark.thorough
 def test_memory_that_the_finds_need_is_told(case: drift.Case) -> None:
     many = drift.vary(case, {"spill.worlds": 100_000})  # 6,600 bytes each at 4 outputs, whatever their particles
     for particles in (35, 70):

@@ -81,7 +81,12 @@ CLOUDS = {
 }
 
 
-@pytest.mark.parametrize("kind", CLOUDS)
+FIRST = ("two clumps", "a ring", "heavy tails")  # the others in the thorough stage
+
+
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=[pytest.mark.thorough] * (kind not in FIRST)) for kind in CLOUDS]
+)
 def test_areas_hold_their_shares_of_what_they_have_not_seen(kind: str) -> None:
     """Clouds of 2500, by uneven weights, against 2500 fresh particles of the same law, 16 times, across 180 degrees at 61 S.
 

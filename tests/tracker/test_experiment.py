@@ -132,8 +132,15 @@ def test_runs_of_a_target_that_acts_have_worlds_of_their_own() -> None:
     assert len(np.unique(errors[0][np.isfinite(errors[0])])) > 1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("far", "median"), [(8, 0.90), (12, 1.34), (15, 1.70), (20, 2.26)])
+@pytest.mark.parametrize(
+    ("far", "median"),
+    [
+        pytest.param(8, 0.90, marks=pytest.mark.thorough),
+        (12, 1.34),
+        pytest.param(15, 1.70, marks=pytest.mark.thorough),
+        pytest.param(20, 2.26, marks=pytest.mark.thorough),
+    ],
+)
 def test_the_medians_of_the_run_to_the_south(far: int, median: float) -> None:
     """By the distance abreast [nmi], of an independent simulation of 100 runs; 10 per cent, at 12 nmi 0.06 min."""
     west = 121 - far / 60 / np.cos(np.radians(34))
@@ -144,7 +151,7 @@ def test_the_medians_of_the_run_to_the_south(far: int, median: float) -> None:
     assert (np.abs(np.nanmedian(met.values, axis=1) - median) < slack).all()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_table_of_triangulation() -> None:
     """Tables 14 to 16 as an independent simulation has them: what must come out whatever the ways, which are not given."""
     asked = tracking.load("triangulation")
@@ -157,7 +164,7 @@ def test_the_table_of_triangulation() -> None:
     assert 7 < speed[2] < 8.5
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_zig_zag_is_followed_from_eight_minutes_after_a_change() -> None:
     """Below 0.5 nmi; below 8 degrees from 8 min after a change on, the mean of all changes; above 45 within 3 min of each."""
     asked = tracking.load("zig_zag")

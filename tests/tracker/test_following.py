@@ -263,7 +263,7 @@ def test_sweeps_that_can_cut_nothing_are_passed_over_without_a_difference() -> N
     np.testing.assert_allclose(some.place, full.place[:, :, at], atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_table_of_closing() -> None:
     """Tables 11 to 13 by the readings of an independent simulation: their tolerances and, beyond, those of 40 runs."""
     found = following.follow([CLOSING] * 40, [NAIVE, CONTEXT, SEEKER], 2500, 17)

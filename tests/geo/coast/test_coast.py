@@ -77,7 +77,9 @@ def coast_of(polygons, box, **options):
 # Crossings
 
 
-@pytest.mark.parametrize("length", [10, 100, 1000, 5000, 50_000])  # [m]
+@pytest.mark.parametrize(
+    "length", [10, 1000, *(pytest.param(m, marks=pytest.mark.thorough) for m in (100, 5000, 50_000))]
+)  # [m]
 def test_crossings_agree_with_shapely(norway, length):
     _, device, land, lines = norway
     rng = np.random.default_rng(length)
@@ -419,23 +421,6 @@ def test_a_shoreline_elsewhere_is_said(tmp_path):
 def test_land_beyond_the_cut_is_refused(norway):
     with pytest.raises(ValueError, match="does not hold"):
         edges.build(shore.land("none", Box(0, 0, 2, 2)), Box(0, 0, 5, 2))
-
-
-def test_cache_survives_a_broken_file(tmp_path, monkeypatch):
-    monkeypatch.setenv("DRIFT_CACHE", str(tmp_path))
-    island = np.array([square(0.2, 0.3, 0.7, 0.5)])
-    reads = []
-    monkeypatch.setattr(shore, "_gshhg", lambda: reads.append(1) or island)
-    first = shore.land("gshhg", Box(0, 0, 1, 1)).polygons
-    again = shore.land("gshhg", Box(0.1, 0, 1, 1)).polygons  # rounds to the same box
-    assert len(reads) == 1
-    assert shapely.equals(first, again).all()
-    (file,) = tmp_path.iterdir()
-    file.write_bytes(file.read_bytes()[:-20])
-    assert shapely.equals(shore.land("gshhg", Box(0, 0, 1, 1)).polygons, first).all()
-    assert len(reads) == 2
-    file.write_bytes(b"nothing of the kind")
-    assert shapely.equals(shore.land("gshhg", Box(0, 0, 1, 1)).polygons, first).all()
 
 
 # A real landing

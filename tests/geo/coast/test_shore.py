@@ -3,13 +3,14 @@
 import json
 
 import numpy as np
+import oracle
 import pytest
 import shapely
 from places import DATA
 
 from geo import sphere
 from geo.box import Box
-from geo.coast import edges, shore
+from geo.coast import edges, gshhg, shore
 from geo.errors import UserError
 from geo.grids import fill
 from geo.grids.grid import Grid
@@ -110,7 +111,7 @@ def test_a_file_of_lakes_is_cut_out(tmp_path):
 def test_lakes_are_cut_out_of_gshhg_after_its_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("DRIFT_CACHE", str(tmp_path / "cache"))
     island = shapely.box(0, 0, 4, 3)
-    monkeypatch.setattr(shore, "_gshhg", lambda: np.array([island]))
+    monkeypatch.setattr(gshhg, "_unpacked", lambda: np.array([island]))
     lakes = write(tmp_path / "lakes.geojson", LAKE)
     for _ in range(2):
         assert same_land(shore.land("gshhg", BOX, lakes=lakes), shapely.difference(island, LAKE))
@@ -227,11 +228,6 @@ def test_lakes_where_no_land_is(tmp_path):
 # GSHHG at 180 degrees, where it cuts its polygons
 
 
-@pytest.fixture(scope="module")
-def gshhg():
-    return shore._gshhg()
-
-
 @pytest.mark.parametrize(
     ("box", "on_land"),
     [
@@ -240,11 +236,12 @@ def gshhg():
     ],
     ids=["fiji", "chukotka"],
 )
-def test_coast_at_the_cut(gshhg, box, on_land):
+def test_coast_at_the_cut(box, on_land):
     """Land and landings against the raw polygons, which end at 180; whole numbers, so predicates are exact."""
-    bounds = shapely.bounds(gshhg)
-    west_part = gshhg[(bounds[:, 2] >= box.west) & (bounds[:, 1] <= box.north) & (bounds[:, 3] >= box.south)]
-    east_part = gshhg[(bounds[:, 0] <= box.east - 360) & (bounds[:, 1] <= box.north) & (bounds[:, 3] >= box.south)]
+    earth = oracle.earth()
+    bounds = shapely.bounds(earth)
+    west_part = earth[(bounds[:, 2] >= box.west) & (bounds[:, 1] <= box.north) & (bounds[:, 3] >= box.south)]
+    east_part = earth[(bounds[:, 0] <= box.east - 360) & (bounds[:, 1] <= box.north) & (bounds[:, 3] >= box.south)]
     # Clipped well outside of what is asked, for speed: Eurasia has 10^6 vertices.
     clip = (box.west - 0.5, box.south - 0.5, box.east + 0.5, box.north + 0.5)
     raw = np.concatenate([west_part, shapely.transform(east_part, lambda p: p + np.array([360.0, 0.0]))])

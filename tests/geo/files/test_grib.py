@@ -16,6 +16,7 @@ import gribs
 import numpy as np
 import pytest
 import writers
+from pace import Watch
 from pyproj import Geod
 
 import drift
@@ -531,9 +532,9 @@ def test_closing_forcing_does_not_wait_for_a_library_that_hangs(size: int, tmp_p
     reading = winds._slices[0][0]._request(0)
     time.sleep(0.5)
     assert reading.running()
-    begin = time.monotonic()
+    watch = Watch()
     winds.close()
-    assert time.monotonic() - begin < 2
+    assert watch.seconds() < 2
     assert isinstance(reading.exception(), waiting.Left)
     assert stopped.process.returncode == -signal.SIGKILL
     assert decoder.values(raw).size == 900  # another one is started
@@ -556,10 +557,10 @@ def test_a_signal_ends_a_wait_for_a_library_that_hangs(name: str, tmp_path: Path
     try:
         assert select.select([held], [], [], 60)[0]
         assert os.read(held, 5) == b"asked"
+        watch = Watch()
         ours.send_signal(getattr(signal, name))
-        begin = time.monotonic()
         _, told = ours.communicate(timeout=30)
-        assert time.monotonic() - begin < 2
+        assert watch.seconds() < 2
         assert select.select([held], [], [], FAREWELL + 10)[0]
         assert os.read(held, 1) == b""
     finally:
