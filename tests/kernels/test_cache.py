@@ -31,10 +31,11 @@ print(held.to_numpy())
 def launched(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     """Return what a process does that starts Taichi and launches a kernel."""
     (folder / "launch.py").write_text(LAUNCH, encoding="utf-8")
+    own = {name: value for name, value in os.environ.items() if name != "XDG_CACHE_HOME"}
     return subprocess.run(
         [sys.executable, "launch.py"],
         cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(ROOT)} | environment,
+        env=own | {"PYTHONPATH": str(ROOT)} | environment,
         capture_output=True,
         text=True,
         timeout=120,

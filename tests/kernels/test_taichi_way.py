@@ -34,7 +34,7 @@ for name, changes in (
 
 def done(code: str, **environment: str) -> list[str]:
     """Return what a process of its own prints."""
-    own = {name: value for name, value in os.environ.items() if name != "DRIFT_PLAIN_TAICHI"}
+    own = {name: value for name, value in os.environ.items() if name not in ("DRIFT_PLAIN_TAICHI", "XDG_CACHE_HOME")}
     one = subprocess.run(
         [sys.executable, "-c", code],
         env=own | {"PYTHONPATH": str(ROOT)} | environment,
