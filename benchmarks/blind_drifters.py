@@ -21,8 +21,8 @@ import shapely
 import smallest
 
 import drift
-from drift.drifters.verification import Verification
-from drift.tracks.records import Track
+from drift.assess.verify.verification import Verification
+from drift.tracking.tracks.records import Track
 
 RADIUS = 6_371_008.8  # [m] of the sphere
 STEP, FIX, HOURS = 120.0, 3600.0, 72  # [s], [s], [h]

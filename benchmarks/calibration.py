@@ -21,13 +21,13 @@ import smallest
 from scipy import stats
 
 import drift
-from drift import start
-from drift.motion import simulate, spool
-from drift.motion.spool import Spool
-from drift.spill import evidence, finds, renewal, strandings
-from drift.spill.fates import Fates
-from drift.spill.realisations import realise
-from kernels import runtime
+from drift.engine.motion import simulate, spool
+from drift.engine.motion.spool import Spool
+from drift.pipeline import run_setup
+from drift.spills.worlds import evidence, finds, renewal, strandings
+from drift.spills.worlds.fates import Fates
+from drift.spills.worlds.realisations import realise
+from kernels.runtime import runtime
 
 FINDS = (0, 1, 5, 20)
 CASE = {
@@ -53,8 +53,8 @@ class Bank:
 def bank(seed: int, worlds: int) -> Bank:
     """Draw and drift worlds."""
     case = drift.load("gulf_containers", {**CASE, "spill.worlds": str(worlds), "seed": str(seed)})
-    where = start.open_for(case)
-    begin = start.prepare(case, where)
+    where = run_setup.open_for(case)
+    begin = run_setup.prepare(case, where)
     book = strandings.Landings(begin.ensemble, False)
     outputs = case.period.seconds(case.outputs)
     moments = simulate.run(begin.ensemble, begin.scene, begin.clock, outputs, watch=book.watch)

@@ -15,9 +15,9 @@ import numpy as np
 import smallest
 
 import drift
-from drift import start
-from kernels import advance as kernel
-from kernels import runtime
+from drift.pipeline import run_setup
+from kernels.runtime import runtime
+from kernels.step import advance as kernel
 
 CASE = """
 start = "2015-11-16T00:00Z"
@@ -60,8 +60,8 @@ def measure(area: str, coast: str, particles: int) -> tuple[float, float, float,
         file.write(CASE.format(particles=particles, area=area, coast=coast))
         file.flush()
         case = drift.load(file.name)
-    where = start.open_for(case)
-    run = start.prepare(case, where)
+    where = run_setup.open_for(case)
+    run = run_setup.prepare(case, where)
     place = run.scene.place
     columns = ("lon", "lat", "status", "release", "status_since", "edge", "side")
     before = {name: run.ensemble.columns[name].to_numpy() for name in columns}

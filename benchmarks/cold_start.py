@@ -24,7 +24,7 @@ import json, os, sys, time
 from pathlib import Path
 begin = time.perf_counter()
 import drift
-from drift import flow
+from drift.pipeline import flow
 imported = time.perf_counter() - begin
 result = drift.run(drift.load(sys.argv[1]), Path(sys.argv[2]))
 phases = {"import": imported, **result.summary["wall_time_s"]}

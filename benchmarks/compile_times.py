@@ -24,31 +24,25 @@ import smallest
 from rich.console import Console
 from rich.table import Table
 
-from drift.motion import itinerary_tables
-from drift.motion import steer as steering
-from drift.motion.drift import COLUMNS
-from drift.motion.itinerary import Itinerary, Near, Spread, WayPoint, Ways
-from drift.motion.period import Period
-from drift.particles import ensemble as record
+from drift.engine.motion.drift import COLUMNS
+from drift.engine.motion.period import Period
+from drift.engine.motion.steering import itinerary_tables
+from drift.engine.motion.steering import steer as steering
+from drift.engine.motion.steering.itinerary import Itinerary, Near, Spread, WayPoint, Ways
+from drift.engine.particles import ensemble as record
 from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast.shore import Shore
 from geo.grids.grid import Grid
-from kernels import advance as kernel
-from kernels import (
-    allocate,
-    bridge,
-    observe,
-    pieces,
-    rectangles,
-    runtime,
-    steer,
-    sweep,
-    sweeps,
-)
-from kernels import coast as device_coast
-from kernels import prior as draws
-from kernels.sample import Ranges, Tiles
+from kernels.evidence import observe, sweep
+from kernels.planning import allocate, rectangles, sweeps
+from kernels.runtime import runtime
+from kernels.steering import pieces, steer
+from kernels.step import advance as kernel
+from kernels.step import bridge
+from kernels.step import coast as device_coast
+from kernels.step import prior as draws
+from kernels.step.sample import Ranges, Tiles
 
 BOX = Box(-1.5, -1.5, 1.5, 1.5)
 ALL = {"current": (0, 1), "wind": (1, 2), "stokes": (2, 3)}
@@ -255,7 +249,7 @@ SMALLEST = "coast, wet"
 def timed(name: str, backend: str) -> tuple[float, float]:
     """Return the time [s] of the first launch of a variant, here: by the clock, and of the processor."""
     runtime.start(backend)
-    from kernels import sphere as first
+    from kernels.maths import sphere as first
 
     zeros = np.zeros(1, np.int32)
     first.displace(zeros, zeros, np.zeros(1, np.float32), np.zeros(1, np.float32))

@@ -3,7 +3,7 @@
     python benchmarks/driver_calls.py cpu [CASE] [--particles N]
     python benchmarks/driver_calls.py stub [CASE] [--particles N]
 
-cpu: the case runs truly, and what goes through Taichi and kernels/runtime.py is counted. stub: the
+cpu: the case runs truly, and what goes through Taichi and kernels/runtime/runtime.py is counted. stub: the
 case runs on a stub of CUDA's driver (tests/backends/cuda_stub.c, made by a C compiler), which logs
 every call and computes nothing: particles stay at 0 N 0 E. So the case runs without a coast there,
 and prints figures that depend on neither.
@@ -34,15 +34,15 @@ import numpy as np
 import smallest
 
 import drift
-from drift.environment import lost
-from drift.motion import simulate
-from drift.motion.forcing import Forcing
-from drift.motion.scene import Scene
-from drift.search.exposure import SortieExposure
-from drift.search.filter import Search
-from kernels import runtime, taichi_inside
-from kernels.dtypes import KINDS
-from kernels.sample import Tiles
+from drift.engine.environment import lost
+from drift.engine.motion import simulate
+from drift.engine.motion.forcing import Forcing
+from drift.engine.motion.scene import Scene
+from drift.evidence.filter.exposure import SortieExposure
+from drift.evidence.filter.filter import Search
+from kernels.runtime import runtime, taichi_inside
+from kernels.runtime.dtypes import KINDS
+from kernels.step.sample import Tiles
 
 WHAT = (
     *("launch", "sync", "alloc", "alloc bytes"),
@@ -97,7 +97,7 @@ def observe(meter: Meter) -> None:
 
 
 def through_taichi() -> Counts:
-    """Count what goes through Taichi and kernels/runtime.py from now on, in what is returned."""
+    """Count what goes through Taichi and kernels/runtime/runtime.py from now on, in what is returned."""
     counts = Counter[str]()
 
     def count(owner: Any, method: str, what: str, size: Callable[..., int] = lambda *_: 0) -> None:

@@ -216,7 +216,7 @@ def written(data: dict[str, Any]) -> str:
 def tried(text: str, folder: Path, run: bool) -> str:
     """Load a case, check it and, if so wanted, run it and read back what it wrote; return what came of that."""
     import drift
-    from drift.preview import check
+    from drift.apps.check import check
 
     path = folder / "case.toml"
     path.write_bytes(text.encode("utf-8", "surrogatepass"))

@@ -251,7 +251,7 @@ def change_table(rows: list[list[str]], rng: random.Random) -> str:
 
 def tried(given: list[str], folder: Path) -> str:
     """Do a command; return what came of it, and raise where it was an error of drift itself."""
-    from drift.cli import commands
+    from drift.apps.cli import commands
 
     out = Path(given[given.index("--out") + 1]) if "--out" in given else None
     before = held(out)
@@ -271,7 +271,7 @@ def tried(given: list[str], folder: Path) -> str:
 
 def held(out: Path | None) -> dict[str, int] | None:
     """Return names and sizes of results that are whole; None where there are none."""
-    from drift.output import manifest
+    from drift.products.files import manifest
 
     listed = None if out is None else manifest.read(out)
     if out is None or listed is None:

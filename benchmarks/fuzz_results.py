@@ -31,9 +31,9 @@ import watched
 import xarray as xr
 
 import drift
-from drift.exchange import exporter
-from drift.exchange import finished as result_files
-from drift.output import manifest
+from drift.apps.export import exporter
+from drift.apps.export import finished as result_files
+from drift.products.files import manifest
 
 STRANGE: tuple[Any, ...] = (
     None, "", "x", "x" * 100_000, "1e400", True, -1, 0, 91, 1e308, float("nan"), float("inf"), [], {}, [[]], [None], {"type": "Point"},

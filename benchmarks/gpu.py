@@ -44,9 +44,10 @@ from cards import Card
 from geo import sphere
 from geo.coast import edges as shoreline
 from geo.coast import shore
-from kernels import advance as kernel
-from kernels import coast as device_coast
-from kernels import memory, runtime, velocity
+from kernels.runtime import memory, runtime
+from kernels.step import advance as kernel
+from kernels.step import coast as device_coast
+from kernels.step import velocity
 
 CASE = "overdue_boat"
 SMALL = ROOT / "docs" / "generate" / "small.toml"
@@ -350,7 +351,7 @@ def paper(card: Card) -> None:
         found = compiled(Path(scratch))
     host, launches = host_time()
     print(f"Estimates for {card.name}, which is not here. They rest on:\n")
-    print(f"- memory: {card.bandwidth / 1e12:.4g} TB/s; the columns that kernels.advance reads and writes, and")
+    print(f"- memory: {card.bandwidth / 1e12:.4g} TB/s; the columns that kernels.step.advance reads and writes, and")
     print("  forcing in cache, one look-up a quantity from memory, or every stage's")
     print(f"- issue: {card.issued / 1e12:.3g} x 10^12 instructions a second, the most it can issue; PTX of sm_90")
     print(f"- host: {1e6 * host:,.0f} us a step of this machine, {launches} launches, on a stub of CUDA's driver,")

@@ -12,10 +12,10 @@ import numpy as np
 import smallest
 
 import drift
-from drift import flow, job
-from drift.spill import finds, washup
-from drift.spill.realisations import realise
-from drift.spill.renewal import Aftermath
+from drift.pipeline import flow, run_options
+from drift.spills.worlds import finds, washup
+from drift.spills.worlds.realisations import realise
+from drift.spills.worlds.renewal import Aftermath
 
 
 def main() -> None:
@@ -23,7 +23,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--worlds", type=int, default=2000)
     given = smallest.parse(parser, worlds=50)
-    with flow.kept(job.opened(drift.load("gulf_containers", {"spill.worlds": str(given.worlds)}))) as result:
+    with flow.kept(run_options.opened(drift.load("gulf_containers", {"spill.worlds": str(given.worlds)}))) as result:
         assert result.aftermath is not None
         _tell(result.aftermath)
 

@@ -19,14 +19,15 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from drift.motion.scenario import Survival
-from drift.planner import availability, joint, optimiser, rectangle
-from drift.planner import planning_tracks as record
-from drift.planner.planning_tracks import Tracks
-from drift.planner.rectangle import Crew
-from drift.search.records import PlanSpec, Unit
+from drift.engine.motion.scenario import Survival
+from drift.evidence.filter.records import PlanSpec, Unit
+from drift.planning.search import joint, optimiser, rectangle
+from drift.planning.search import planning_tracks as record
+from drift.planning.search.boats import availability
+from drift.planning.search.planning_tracks import Tracks
+from drift.planning.search.rectangle import Crew
 from geo import sphere
-from kernels import sweeps
+from kernels.planning import sweeps
 
 DRAWN = ("square", "sector", "parallel", "creeping")
 CHASED = ("chase", "against", "squares")

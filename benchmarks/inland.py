@@ -17,13 +17,13 @@ import shapely
 import smallest
 
 import drift
-from drift import start
-from drift.motion import simulate
-from drift.particles import ensemble as record
-from drift.particles.status import Status
+from drift.engine.motion import simulate
+from drift.engine.particles import ensemble as record
+from drift.engine.particles.status import Status
+from drift.pipeline import run_setup
 from geo import sphere
 from geo.coast import edges as shoreline
-from kernels import runtime
+from kernels.runtime import runtime
 
 CASE = """
 start = "2015-11-16T00:00Z"
@@ -61,10 +61,10 @@ def measure(name: str, particles: int = 1_000_000, hours: int = 60) -> None:
             file.flush()
             case = drift.load(file.name)
     runtime.start()
-    where = start.open_for(case)
+    where = run_setup.open_for(case)
     coast = where.coast
     assert coast is not None
-    run = start.prepare(case, where)
+    run = run_setup.prepare(case, where)
     outputs = case.period.seconds(case.outputs)
     land = shapely.STRtree(coast.polygons)
     shapely.prepare(coast.polygons)

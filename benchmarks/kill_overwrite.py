@@ -41,7 +41,7 @@ def files(seed: int) -> dict[str, bytes]:
 
 def stand_in(folder: Path, seed: int) -> None:
     """Publish files of a real run's size."""
-    from drift.output import manifest, publication
+    from drift.products.files import manifest, publication
 
     made = files(seed)
     publication.check(folder, True, [*made, manifest.NAME])

@@ -20,9 +20,9 @@ import smallest
 import xarray as xr
 
 import drift
-from drift import start
+from drift.engine.motion import prior, step_size
 from drift.forecast import build as forecast_build
-from drift.motion import prior, step_size
+from drift.pipeline import run_setup
 
 CASE = """
 start = "2026-11-21T00:00Z"
@@ -42,8 +42,8 @@ position = {{ at = [{lon}, {lat}], error = "1 nmi" }}
 """
 PLACES = {"open sea, no coast": (1.0, 61.0, "none"), "Norwegian coast": (4.55, 60.9, "gshhg")}
 PHASES = (
-    (start, "open_for"),
-    (start, "prepare"),
+    (run_setup, "open_for"),
+    (run_setup, "prepare"),
     (step_size, "choose_step"),
     (prior, "draw"),
     (forecast_build, "begin"),

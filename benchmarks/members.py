@@ -21,10 +21,10 @@ import smallest
 import xarray as xr
 
 import drift
-from drift import start
-from drift.motion import simulate
-from geo.forcing.stream import Slices
-from kernels import runtime
+from drift.engine.motion import simulate
+from drift.pipeline import run_setup
+from geo.forcing.reading.stream import Slices
+from kernels.runtime import runtime
 
 CASE = """
 title = "cost of members"
@@ -87,7 +87,7 @@ def measure(path: str) -> None:
     Slices._read = timed  # type: ignore[method-assign]
     runtime.start()
     case = drift.load(path)
-    begin = start.prepare(case, start.open_for(case))
+    begin = run_setup.prepare(case, run_setup.open_for(case))
     read, begun = spent, time.process_time()
     with closing(begin.scene.forcing):
         for _ in simulate.run(begin.ensemble, begin.scene, begin.clock, np.array([case.period.duration])):

@@ -16,7 +16,7 @@ import xarray as xr
 
 import drift
 from drift.case.record import Case
-from drift.search.records import Unit
+from drift.evidence.filter.records import Unit
 
 NMI = 1852.0
 LON, LAT = -30.0, 45.0

@@ -19,10 +19,10 @@ import smallest
 from scipy.spatial.distance import cdist
 
 import drift
-from drift import start
-from drift.motion import simulate
+from drift.engine.motion import simulate
+from drift.pipeline import run_setup
 from geo import sphere
-from kernels import runtime
+from kernels.runtime import runtime
 
 CLASSES = ("PIW-1", "PIW-2", "PIW-4", "LIFE-RAFT-DB-10", "SAILBOAT-2", "FISHING-VESSEL-1")
 LON, LAT = 3.9, 60.1  # [degrees]
@@ -60,7 +60,7 @@ def ours(folder: str, each: int, seed: int = 1) -> dict[str, np.ndarray]:
         file.write(text)
         file.flush()
         case = drift.load(file.name)
-    run = start.prepare(case, start.open_for(case))
+    run = run_setup.prepare(case, run_setup.open_for(case))
     (end,) = simulate.run(run.ensemble, run.scene, run.clock, np.array([86_400]))
     xy = plane(end.lon * sphere.UNIT, end.lat * sphere.UNIT)
     return {name: xy[a:b] for name, (a, b) in zip(CLASSES, run.ensemble.scenarios, strict=True)}

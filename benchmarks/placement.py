@@ -16,15 +16,15 @@ import smallest
 from rich.console import Console
 from rich.table import Table
 
-from drift.arrays import heard, placement, placement_bound, ways
-from drift.arrays.ways import Sea, Ways
-from drift.planner import planning_tracks
-from drift.planner.planning_tracks import Tracks
-from drift.sensors import line_array, noise, spreading
-from drift.sensors.records import Levels, Sensor, Sonar, Tow
+from drift.evidence.sensors import line_array, noise, spreading
+from drift.evidence.sensors.records import Levels, Sensor, Sonar, Tow
+from drift.planning.arrays import heard, placement, placement_bound, ways
+from drift.planning.arrays.ways import Sea, Ways
+from drift.planning.search import planning_tracks
+from drift.planning.search.planning_tracks import Tracks
 from geo import sphere
 from geo.polyline import Area
-from kernels import runtime
+from kernels.runtime import runtime
 
 NMI, KNOT = 1852.0, 1852.0 / 3600
 BEGIN = 1.78e9

@@ -34,15 +34,15 @@ from rich.table import Table
 from steered_cases import case as steered
 
 from drift.case.record import Case
-from drift.job import Options, opened
-from drift.motion.scenario import Survival
-from drift.planner import bins, bound, follow, optimiser, planner
-from drift.planner import planning_tracks as record
-from drift.planner.planning_tracks import Tracks
-from drift.search.records import Law, PlanSpec, Unit
+from drift.engine.motion.scenario import Survival
+from drift.evidence.filter.records import Law, PlanSpec, Unit
+from drift.pipeline.run_options import Options, opened
+from drift.planning.search import bins, bound, follow, optimiser, planner
+from drift.planning.search import planning_tracks as record
+from drift.planning.search.planning_tracks import Tracks
 from geo import sphere
 from geo.errors import UserError
-from kernels import runtime
+from kernels.runtime import runtime
 
 NMI, HOUR = 1852.0, 3600.0
 BEGIN = np.datetime64("2026-06-20T06:00:00", "s")

@@ -25,15 +25,17 @@ from rich.console import Console
 from rich.table import Table
 from steered_cases import case as steered
 
-from drift.job import Options, opened
-from drift.motion.scenario import Survival
-from drift.planner import availability, bins, follow, joint, optimiser, rectangle
-from drift.planner import planning_tracks as record
-from drift.planner.optimiser import Proposal
-from drift.planner.planning_tracks import Tracks
-from drift.search.records import PlanSpec, Unit
+from drift.engine.motion.scenario import Survival
+from drift.evidence.filter.records import PlanSpec, Unit
+from drift.pipeline.run_options import Options, opened
+from drift.planning.search import bins, follow, joint, optimiser, rectangle
+from drift.planning.search import planning_tracks as record
+from drift.planning.search.boats import availability
+from drift.planning.search.optimiser import Proposal
+from drift.planning.search.planning_tracks import Tracks
 from geo import notation
-from kernels import rectangles, runtime, sweeps
+from kernels.planning import rectangles, sweeps
+from kernels.runtime import runtime
 
 MANNERS = (*hand_patterns.DRAWN, *hand_patterns.CHASED)
 ROWS = 900.0  # [s] rows of a bound by which the effort of a steered case is scaled; it takes minutes with finer ones

@@ -14,7 +14,9 @@ import numpy as np
 import smallest
 
 import drift
-from drift.planner import courses, planner, subareas
+from drift.planning.search import planner
+from drift.planning.search.boats import courses
+from drift.planning.search.products import subareas
 from geo.box import Box
 from geo.coast import shore
 

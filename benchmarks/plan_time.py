@@ -20,10 +20,11 @@ from rich.console import Console
 from rich.table import Table
 
 from drift.case import file as case_file
-from drift.planner import bound, follow, optimiser
-from drift.start import open_for
-from kernels import noise, runtime
-from kernels.noise import Purpose
+from drift.pipeline.run_setup import open_for
+from drift.planning.search import bound, follow, optimiser
+from kernels.maths import noise
+from kernels.maths.noise import Purpose
+from kernels.runtime import runtime
 
 TEXT = """
 title = "Four units, 12 h"

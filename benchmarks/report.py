@@ -15,9 +15,9 @@ from unittest import mock
 import smallest
 
 import drift
-from drift import flow
 from drift.case import file as case_file
-from drift.maps import page as maps_page
+from drift.pipeline import flow
+from drift.products.maps import page as maps_page
 from geo.errors import UserError
 
 PLAY = """async () => {

@@ -18,7 +18,7 @@ import numpy as np
 import smallest
 
 import drift
-from drift.result import Result
+from drift.pipeline.result import Result
 
 PATHS, STEPS = (4_000, 100) if smallest.ASKED else (20_000, 500)
 FEW, MANY = 4, 24  # steps of the runs whose difference is told

@@ -13,12 +13,15 @@ import smallest
 from rich.console import Console
 from rich.table import Table
 
-from drift.motion.drift import COLUMNS
-from drift.particles import ensemble as record
-from drift.search import laws, patterns, sensor_path
-from drift.search.records import Law
+from drift.engine.motion.drift import COLUMNS
+from drift.engine.particles import ensemble as record
+from drift.evidence.filter import patterns
+from drift.evidence.filter.detection import laws, sensor_path
+from drift.evidence.filter.records import Law
 from geo import sphere
-from kernels import pieces, runtime, sweep
+from kernels.evidence import sweep
+from kernels.runtime import runtime
+from kernels.steering import pieces
 
 NMI = 1852.0
 HOUR = 3600

@@ -21,17 +21,17 @@ import smallest
 from rich.console import Console
 from rich.table import Table
 
-from drift.motion.drift import COLUMNS
-from drift.particles import ensemble as record
+from drift.engine.motion.drift import COLUMNS
+from drift.engine.particles import ensemble as record
 from geo import sphere
 from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast import shore
 from geo.grids.grid import Grid
-from kernels import advance as kernel
-from kernels import coast as device_coast
-from kernels import runtime
-from kernels.sample import Tiles
+from kernels.runtime import runtime
+from kernels.step import advance as kernel
+from kernels.step import coast as device_coast
+from kernels.step.sample import Tiles
 
 BYTES = 4 * (len(record.CORE) + len(COLUMNS))  # a particle on the device
 GRID = Grid(-98.0, 18.0, 0.05, 0.05, 400, 300)

@@ -1,4 +1,4 @@
-"""Bytes that a step of a particle moves, counted from the source of kernels.advance.
+"""Bytes that a step of a particle moves, counted from the source of kernels.step.advance.
 
 It follows the kernel and the functions that take its columns, through `ti.static` conditions and
 loops as Taichi does, for one particle that is adrift before the step and after it. So it counts the
@@ -7,7 +7,7 @@ its own or a row of one.
 
     python benchmarks/traffic.py [FEATURES ...]
 
-prints a row for each set of features, a number (kernels/features.py); without any, for none and for each alone.
+prints a row for each set of features, a number (kernels/step/features.py); without any, for none and for each alone.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from typing import Any
 
 import smallest
 
-from kernels import advance, features, integrate, sample
+from kernels.step import advance, features, integrate, sample
 
 # Conditions at run time that hold for a particle that is adrift all along. All others are false.
 HOLD = frozenset({"moves", "held.moving[0, j] == 1", "held.moving[0, j] == 1 and held.sets_off[0, j] > 0.5", "known"})
@@ -154,7 +154,7 @@ def _walk(found: Columns, module: ModuleType, function: ast.FunctionDef, packs: 
 
 
 def columns(chosen: int) -> Columns:
-    """Return the columns that a step reads and writes with these features (kernels.features).
+    """Return the columns that a step reads and writes with these features (kernels.step.features).
 
     Raises:
         LookupError: the kernel has other conditions than HOLD names.
@@ -162,7 +162,7 @@ def columns(chosen: int) -> Columns:
     found = Columns()
     _walk(found, advance, _function(advance, "_advance"), PACKS, chosen)
     if found.held != HOLD:
-        raise LookupError(f"kernels.advance has no condition {sorted(HOLD - found.held)}: see HOLD of {__file__}")
+        raise LookupError(f"kernels.step.advance has no condition {sorted(HOLD - found.held)}: see HOLD of {__file__}")
     return found
 
 

@@ -11,12 +11,12 @@ import argparse
 import numpy as np
 import smallest
 
-from drift.motion import leeway
-from drift.motion.drift import COLUMNS
-from drift.particles import ensemble as record
-from kernels import prior as kernel
-from kernels import runtime
-from kernels.noise import key
+from drift.engine.motion import leeway
+from drift.engine.motion.drift import COLUMNS
+from drift.engine.particles import ensemble as record
+from kernels.maths.noise import key
+from kernels.runtime import runtime
+from kernels.step import prior as kernel
 
 WINDS = (2, 5, 10, 20)  # [m/s]
 

@@ -1,6 +1,6 @@
 """`python -m drift` is the command line `drift`."""
 
-from drift.cli import commands
+from drift.apps.cli import commands
 
 if __name__ == "__main__":
     commands.leave()

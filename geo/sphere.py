@@ -110,7 +110,7 @@ def to_pole(lon: npt.ArrayLike, lat: npt.ArrayLike, east: npt.ArrayLike, north: 
     """Return vectors at places near a pole in one frame, that of the plane of the pole at the meridian of 0.
 
     The frames of two places differ by the angle between their meridians: exact at the pole, and 1.5e-4 of that angle
-    off at 89 degrees. kernels.sphere.meridian is the same on the device.
+    off at 89 degrees. kernels.maths.sphere.meridian is the same on the device.
 
     Args:
         lon: of the places [rad].

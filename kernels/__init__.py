@@ -59,6 +59,6 @@ os.environ.setdefault("TI_ENABLE_PYBUF", "0")
 inspect.modulesbyfile.setdefault("<frozen importlib._bootstrap>", "importlib._bootstrap")
 
 if os.environ.get("DRIFT_TAICHI"):
-    from kernels import taichi_fork
+    from kernels.runtime import taichi_fork
 
     taichi_fork.register(os.environ["DRIFT_TAICHI"])

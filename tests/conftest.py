@@ -13,11 +13,23 @@ from one_thread import Process
 from places import DATA
 
 from drift.forecast import build
-from kernels import runtime
+from kernels.runtime import runtime
 
+TESTS = Path(__file__).parent
 SMALL_MAPS = (
-    "backtrack", "cli", "environment", "experiments", "motion", "patrols", "planner", "posterior", "search", "shards", "spill", "suspend",
-)  # fmt: skip
+    "apps/cli",
+    "assess/experiment",
+    "engine/environment",
+    "engine/motion",
+    "evidence/filter",
+    "evidence/posterior",
+    "evidence/suspend",
+    "pipeline/shards",
+    "planning/patrols",
+    "planning/search",
+    "spills/backtrack",
+    "spills/worlds",
+)
 
 
 def pytest_configure() -> None:
@@ -72,7 +84,7 @@ def coarse_maps() -> Iterator[None]:
 @pytest.fixture(scope="module", autouse=True)
 def small_maps(request: pytest.FixtureRequest) -> None:
     """Make small maps in the folders whose tests read no number off one; a module that does has a fixture of this name, which does nothing."""
-    if request.path.parent.name in SMALL_MAPS:
+    if request.path.parent.relative_to(TESTS).as_posix() in SMALL_MAPS:
         request.getfixturevalue("coarse_maps")
 
 

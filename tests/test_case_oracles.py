@@ -24,9 +24,9 @@ from oracle import DAY, HOUR, KNOT, NMI, Array, Cloud, Coast, Errors, Field
 from places import ROOT
 from scipy import interpolate, stats
 
-from drift import flow
 from drift.case import file as case_file
-from drift.particles.status import Status
+from drift.engine.particles.status import Status
+from drift.pipeline import flow
 
 CASES = ROOT / "cases"
 OURS, THEIRS = 20_000, 2_500  # particles, in all; a scenario

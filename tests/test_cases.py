@@ -6,9 +6,9 @@ import pytest
 import shipped
 from places import ROOT
 
-from drift import flow
 from drift.case import expect
 from drift.case import file as case_file
+from drift.pipeline import flow
 
 NAMES = [name for name, _ in case_file.shipped() if name not in shipped.COMPARED]
 CASES = ROOT / "cases"

@@ -9,38 +9,38 @@ import searches
 from places import ROOT
 from pydantic import BaseModel
 
-from drift import flow
-from drift.arrays import chapter as arrays_chapter
-from drift.arrays import processing_chapter
-from drift.backtrack import chapter as backtrack_chapter
-from drift.case import scenario
-from drift.case.barrier import BarrierTable, LineTable
-from drift.case.contact import BearingTable, ContactTable, PlaceTable, RangeTable
-from drift.case.look import LookTable
-from drift.case.pattern import NEEDS, PatternTable, RegionTable
-from drift.case.plan import PlanTable, ResamplingTable, UnitTable
-from drift.case.presence import PresenceTable
-from drift.case.processing import ProcessingTable
-from drift.case.sensor import ConditionsTable, SensorTable
-from drift.case.sortie import MarkerTable, SortieTable, WatchTable
-from drift.case.tow import TowTable
-from drift.contrast import chapter as contrast_chapter
-from drift.drifters import chapter as drifters_chapter
-from drift.experiments import chapter as experiments_chapter
+from drift.apps.fetch import fetching
+from drift.apps.sensor import chapter as reach_chapter
+from drift.apps.track import chapter as regain_chapter
+from drift.assess.compare import chapter as contrast_chapter
+from drift.assess.experiment import chapter as experiments_chapter
+from drift.assess.verify import chapter as drifters_chapter
+from drift.case.scenario import scenario
+from drift.case.search.barrier import BarrierTable, LineTable
+from drift.case.search.contact import BearingTable, ContactTable, PlaceTable, RangeTable
+from drift.case.search.look import LookTable
+from drift.case.search.pattern import NEEDS, PatternTable, RegionTable
+from drift.case.search.plan import PlanTable, ResamplingTable, UnitTable
+from drift.case.search.presence import PresenceTable
+from drift.case.search.sensor import ConditionsTable, SensorTable
+from drift.case.search.sortie import MarkerTable, SortieTable, WatchTable
+from drift.case.sonar.processing import ProcessingTable
+from drift.case.sonar.tow import TowTable
+from drift.evidence.filter.products import chapter as search_chapter
+from drift.evidence.posterior import chapter as posterior_chapter
+from drift.evidence.posterior.quantities import QUANTITIES
+from drift.evidence.suspend import chapter as suspend_chapter
 from drift.forecast import by_member
-from drift.forecast import chapter as forecast_chapter
-from drift.output import manifest, writer
-from drift.patrols import chapter as patrols_chapter
-from drift.planner import chapter as planner_chapter
-from drift.planner import unit_sheet
-from drift.posterior import chapter as posterior_chapter
-from drift.posterior.quantities import QUANTITIES
-from drift.providers import fetching
-from drift.reach import chapter as reach_chapter
-from drift.regain import chapter as regain_chapter
-from drift.search import chapter as search_chapter
-from drift.spill import chapter as spill_chapter
-from drift.suspend import chapter as suspend_chapter
+from drift.forecast.products import chapter as forecast_chapter
+from drift.pipeline import flow
+from drift.planning.arrays import chapter as arrays_chapter
+from drift.planning.arrays import processing_chapter
+from drift.planning.patrols import chapter as patrols_chapter
+from drift.planning.search.products import chapter as planner_chapter
+from drift.planning.search.products import unit_sheet
+from drift.products.files import manifest, writer
+from drift.spills.backtrack import chapter as backtrack_chapter
+from drift.spills.worlds.products import chapter as spill_chapter
 
 DOCS = ROOT / "docs"
 PAGES = ("searches.md", "search_keys.md")

@@ -8,7 +8,7 @@ import pytest
 from one_thread import Process
 
 import drift
-from drift.particles.status import Status
+from drift.engine.particles.status import Status
 from geo import sphere
 from geo.box import Box
 from geo.coast import edges as shoreline
@@ -117,7 +117,7 @@ def test_nobody_is_inland_and_strandings_are_kept(tmp_path: Path) -> None:
 
 
 def test_a_picture_that_cannot_be_drawn_costs_no_other_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from drift.forecast import map as forecast_map
+    from drift.forecast.products import map as forecast_map
 
     def broken(*_: object, **__: object) -> None:
         raise ValueError("Axis limits cannot be NaN")

@@ -44,7 +44,7 @@ RULES = {
     ),
     "angles": Rule(
         constructs.angles,
-        "call kernels.angles (float32) or kernels.doubles (float64)",
+        "call kernels.maths.angles (float32) or kernels.maths.doubles (float64)",
         set(),
     ),
     "half written": Rule(

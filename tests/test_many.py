@@ -10,12 +10,12 @@ import writers
 import xarray as xr
 
 import drift
-from drift import start
-from drift.environment import domain, environment
-from drift.particles.status import Status
+from drift.engine.environment import domain, environment
+from drift.engine.particles.status import Status
+from drift.pipeline import run_setup
 from geo import sphere
 from geo.errors import UserError
-from geo.forcing.kept import Kept
+from geo.forcing.reading.kept import Kept
 from geo.grids import fill
 
 CASE = """
@@ -149,7 +149,9 @@ def test_what_is_ready_to_be_sampled_is_made_once(tmp_path: Path, monkeypatch: p
         drift.vary(base, {"seed": k, "scenario.0.position.at": [lon + 0.001 * k, lat], "clock.step": "30 min"})
         for k in range(10)
     ]
-    parts = {environment.part(domain.bounds(start.ensemble_spec(one), start.environment_spec(one))) for one in cases}
+    parts = {
+        environment.part(domain.bounds(run_setup.ensemble_spec(one), run_setup.environment_spec(one))) for one in cases
+    }
     assert len(parts) == 1
     assert all(one.error is None for one in drift.run_many(cases))
     assert sum(shape[:2] > (2, 2) for shape in filled) == 3  # the wind is a table, the same everywhere

@@ -7,8 +7,8 @@ import pacific
 import pytest
 from scipy import stats
 
-from drift import flow
 from drift.case import file as case_file
+from drift.pipeline import flow
 
 OURS = 30_000
 THEIRS = (150_000, 12_000)  # drawn, and followed

@@ -14,7 +14,7 @@ import xarray as xr
 from pyproj import Geod
 
 import drift
-from drift.result import _frame
+from drift.pipeline.result import _frame
 from geo import sphere
 
 CASE = """

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import drift
-from drift import start
+from drift.pipeline import run_setup
 
 TEXT = """
 title = "start"
@@ -77,7 +77,7 @@ def test_an_onshore_drift_strands_whatever_the_step(tmp_path: Path) -> None:
 def test_a_wind_of_the_same_name_leaves_the_fill_of_a_current_alone(tmp_path: Path) -> None:
     same = 'name = "model"\nconstant = { speed = "0.5 m/s", toward = 90 }\n'
     case = case_of(tmp_path, current=f"fill = 5\n{same}[[wind]]\nfill = 0\n{same}")
-    assert start.open_for(case).scenarios[0].cells["current", "model"] == 5
+    assert run_setup.open_for(case).scenarios[0].cells["current", "model"] == 5
 
 
 def test_the_reach_holds_the_great_circle_between_waypoints(tmp_path: Path) -> None:
@@ -108,11 +108,11 @@ def test_a_step_longer_than_the_forcing_interval_is_refused(tmp_path: Path) -> N
 def test_the_lattice_holds_the_times_of_all_sources(tmp_path: Path) -> None:
     """A current on full hours and a wind at half past: steps of 30 minutes, so that neither bends inside one."""
     rows = {
-        start: ", ".join(
-            f'{{ time = "{np.datetime64("2026-11-20T23:00") + np.timedelta64(start + 60 * h, "m")}Z", speed = "{3 + h % 2} {unit}", {word} = 70 }}'
+        run_setup: ", ".join(
+            f'{{ time = "{np.datetime64("2026-11-20T23:00") + np.timedelta64(run_setup + 60 * h, "m")}Z", speed = "{3 + h % 2} {unit}", {word} = 70 }}'
             for h in range(9)
         )
-        for start, unit, word in ((0, "kn", "toward"), (30, "m/s", "from"))
+        for run_setup, unit, word in ((0, "kn", "toward"), (30, "m/s", "from"))
     }
     case = case_of(
         tmp_path,

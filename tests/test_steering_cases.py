@@ -20,9 +20,9 @@ from oracle import HOUR, KNOT, NMI, R
 from places import ROOT
 from scipy import stats
 
-from drift import flow
 from drift.case import file as case_file
-from drift.particles.status import Status
+from drift.engine.particles.status import Status
+from drift.pipeline import flow
 
 CASES = ROOT / "cases"
 OURS = 16_000  # particles in all

@@ -11,14 +11,14 @@ import small_case
 import xarray as xr
 
 import drift
-from drift import start, waters
-from drift.environment.environment_spec import Coast
-from drift.environment.forcing_spec import ForcingSpec, Slices
-from drift.waters import Files, Waters
+from drift.engine.environment.environment_spec import Coast
+from drift.engine.environment.forcing_spec import ForcingSpec, Slices
+from drift.pipeline import run_setup, shared_forcing
+from drift.pipeline.shared_forcing import Files, Waters
 from geo.box import Box
 from geo.coast import edges, shore
 from geo.errors import UserError
-from geo.forcing import memory
+from geo.forcing.reading import memory
 
 SPEC = ForcingSpec("sea", "current", dataset="roms", units="m/s")
 
@@ -51,7 +51,7 @@ def test_sources_that_are_read_in_another_way_are_others(change: dict[str, objec
         assert opened[0] is not opened[1]
         box = Box(-89.0, 26.0, -87.0, 28.0)
         for one, own in zip(pair, opened, strict=True):
-            read = waters.sources.cut(waters.sources.keep(own, box), box).read(0)
+            read = shared_forcing.sources.cut(shared_forcing.sources.keep(own, box), box).read(0)
             assert np.abs(read).max() == pytest.approx(0.3 * (factor if one is other else 1.0), rel=1e-5)
 
 
@@ -88,7 +88,7 @@ def island(path: Path) -> str:
 
 def test_a_coast_is_shared_only_where_it_would_be_the_same(tmp_path: Path) -> None:
     """Not of cells coarser than those that a case has alone, nor where box or prior reach beyond it."""
-    spec, asked = start.ensemble_spec(case(tmp_path)), start.environment_spec(case(tmp_path))
+    spec, asked = run_setup.ensemble_spec(case(tmp_path)), run_setup.environment_spec(case(tmp_path))
     asked = replace(asked, coast=Coast(island(tmp_path / "land.json"), "strand"))
     box = Box(-89.3, 26.7, -86.9, 28.6)
     near, wide = (Waters(one, Files({})) for one in (Box(-90.0, 26.0, -86.0, 29.0), Box(-121.0, 3.0, -55.0, 51.0)))
@@ -112,7 +112,7 @@ def test_a_coast_is_shared_only_where_it_would_be_the_same(tmp_path: Path) -> No
 
 def test_no_land_is_shared_too(tmp_path: Path) -> None:
     """However wide the waters are: no coast has no cells."""
-    spec, asked = start.ensemble_spec(case(tmp_path)), start.environment_spec(case(tmp_path))
+    spec, asked = run_setup.ensemble_spec(case(tmp_path)), run_setup.environment_spec(case(tmp_path))
     found = Waters(Box(-121.0, 3.0, -55.0, 51.0), Files({})).coast(spec, asked, Box(-89.3, 26.7, -86.9, 28.6))
     assert found is not None
     assert found[1] is None
@@ -127,7 +127,7 @@ def test_the_smallest_box_about_two(seed: int) -> None:
         west, south = random.uniform(-180, 180), random.uniform(-70, 60)
         pair.append(Box(west, south, west + random.uniform(1, 60), south + random.uniform(1, 9)))
     a, b = pair
-    joined = waters._joined(a, b)
+    joined = shared_forcing._joined(a, b)
     widths = [max(a.east, b.east + turn) - min(a.west, b.west + turn) for turn in (-360, 0, 360)]
     assert -180 <= joined.west < 180
     assert joined.south == min(a.south, b.south)
@@ -137,7 +137,7 @@ def test_the_smallest_box_about_two(seed: int) -> None:
     assert joined.east - joined.west == pytest.approx(widths[(-360, 0, 360).index(turn)])
     joined = replace(joined, west=joined.west - 1e-9, east=joined.east + 1e-9)  # what rounding leaves
     for one in pair:
-        assert waters._within(one, joined)
+        assert shared_forcing._within(one, joined)
         for side, change in (("west", 0.5), ("east", -0.5), ("south", 0.5), ("north", -0.5)):
             less = replace(joined, **{side: getattr(joined, side) + change})
             edge = getattr(one, side)
@@ -146,12 +146,12 @@ def test_the_smallest_box_about_two(seed: int) -> None:
                 if side in ("west", "east")
                 else edge - getattr(joined, side)
             )
-            assert waters._within(one, less) == (abs(apart) > 0.5)
+            assert shared_forcing._within(one, less) == (abs(apart) > 0.5)
 
 
 def test_near_cases_share_their_waters_and_far_ones_do_not(tmp_path: Path) -> None:
     places = [(-88.0, 27.5), (-87.1, 28.2), (179.3, -41.0), (-88.4, 26.9), (-179.2, -40.2), (-60.0, 4.4)]
-    found = waters.divide([case(tmp_path, *place) for place in places], {})
+    found = shared_forcing.divide([case(tmp_path, *place) for place in places], {})
     numbers = [next(k for k, one in enumerate(found) if one is own) for own in found]
     assert numbers == [0, 0, 2, 0, 2, 5]
     assert found[2].box.east > 180
@@ -160,15 +160,15 @@ def test_near_cases_share_their_waters_and_far_ones_do_not(tmp_path: Path) -> No
 def test_parts_that_were_asked_for_last_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of three places two are kept: a part is cut once, as long as no two others are asked for after it."""
     made: list[Box] = []
-    cut = waters.sources.cut
-    monkeypatch.setattr(waters, "CUTS", 2)
-    monkeypatch.setattr(waters.sources, "cut", lambda source, box: (made.append(box), cut(source, box))[1])
+    cut = shared_forcing.sources.cut
+    monkeypatch.setattr(shared_forcing, "CUTS", 2)
+    monkeypatch.setattr(shared_forcing.sources, "cut", lambda source, box: (made.append(box), cut(source, box))[1])
     shared = Waters(Box(-90.0, 26.0, -86.0, 29.0), Files(held()))
     a, b, c = (Box(-89.0 + k, 26.2 + 0.3 * k, -88.2 + k, 27.1 + 0.3 * k) for k in range(3))
     for box in (a, b, a, c, a, b):
         part = shared.source(replace(SPEC, name="mine"), box)
         assert part.name == "mine"
-        alone = cut(waters.sources.keep(Files(held()).open(SPEC), shared.box), box)
+        alone = cut(shared_forcing.sources.keep(Files(held()).open(SPEC), shared.box), box)
         assert part.grid == alone.grid
         np.testing.assert_array_equal(part.read(3), alone.read(3))
     assert made == [a, b, c, b]

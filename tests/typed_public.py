@@ -7,10 +7,10 @@ from typing import assert_type
 import xarray as xr
 
 import drift
-from drift.backtrack.backward import Origin
-from drift.contrast.record import Contrast
-from drift.planner.records import Plan
-from drift.providers.fetching import Fetched
+from drift.apps.fetch.fetching import Fetched
+from drift.assess.compare.record import Contrast
+from drift.planning.search.records import Plan
+from drift.spills.backtrack.backward import Origin
 
 case = drift.load(Path("case.toml"))
 assert_type(case, drift.Case)

@@ -3,7 +3,7 @@
 import argparse
 import textwrap
 
-from drift.cli import grammar
+from drift.apps.cli import grammar
 
 INTRODUCTION = """# Commands
 

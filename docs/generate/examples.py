@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drift.cli import commands
+from drift.apps.cli import commands
 
 FENCE = re.compile(
     r"^ *(?P<ticks>`{3,})(?P<kind>[\w-]*)[^\n]*\n(?P<text>.*?)^ *(?P=ticks)[ \t]*$"

@@ -10,21 +10,21 @@ from typing import Any
 
 import xarray as xr
 
-from drift import flow
-from drift.arrays import chapter as arrays
-from drift.arrays import processing_chapter as processing
-from drift.backtrack import chapter as backtrack
-from drift.contrast import chapter as contrast
-from drift.drifters import chapter as drifters
+from drift.assess.compare import chapter as contrast
+from drift.assess.verify import chapter as drifters
+from drift.evidence.filter.products import chapter as search
+from drift.evidence.posterior import chapter as posterior
+from drift.evidence.suspend import chapter as suspend
 from drift.forecast import by_member
-from drift.forecast import chapter as forecast
-from drift.output import manifest, writer
-from drift.patrols import chapter as patrols
-from drift.planner import chapter as planner
-from drift.posterior import chapter as posterior
-from drift.search import chapter as search
-from drift.spill import chapter as spill
-from drift.suspend import chapter as suspend
+from drift.forecast.products import chapter as forecast
+from drift.pipeline import flow
+from drift.planning.arrays import chapter as arrays
+from drift.planning.arrays import processing_chapter as processing
+from drift.planning.patrols import chapter as patrols
+from drift.planning.search.products import chapter as planner
+from drift.products.files import manifest, writer
+from drift.spills.backtrack import chapter as backtrack
+from drift.spills.worlds.products import chapter as spill
 
 TOLD = Path(__file__).with_name("files.toml")
 CHAPTERS: dict[str, tuple[str, Iterable[str]]] = {  # when they are written, and which

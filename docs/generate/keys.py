@@ -16,29 +16,13 @@ import numpy as np
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from drift.case import (
-    barrier,
-    behaviour,
-    bridge,
-    contact,
-    family,
-    fields,
-    itinerary,
-    look,
-    network,
-    pattern,
-    plan,
-    presence,
-    schema,
-    sensor,
-    sortie,
-    sources,
-    tracker,
-    tracking,
-    uncertainty,
-    waypoints,
-)
-from drift.case import scenario as scenarios
+from drift.case import schema
+from drift.case.forcing import sources, uncertainty
+from drift.case.scenario import behaviour, family, itinerary, network, waypoints
+from drift.case.scenario import scenario as scenarios
+from drift.case.search import barrier, contact, look, pattern, plan, presence, sensor, sortie
+from drift.case.tracking import bridge, tracker, tracking
+from drift.case.values import fields
 
 Model = type[BaseModel]
 

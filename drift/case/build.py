@@ -9,28 +9,30 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drift.case import barrier as barrier_table
-from drift.case import contact as contact_table
-from drift.case import look as look_table
-from drift.case import plan as plan_table
-from drift.case import presence as presence_table
-from drift.case import sonar as sonar_table
-from drift.case import sortie as sortie_table
-from drift.case import sources, subject, uncertainty, units
-from drift.case import tow as tow_table
+from drift.case import subject
 from drift.case.context import Run
-from drift.case.mistakes import Mistakes
+from drift.case.forcing import sources, uncertainty
+from drift.case.forcing.sources import SourceTable
 from drift.case.record import Case, Depth
 from drift.case.schema import CaseTable, CoastTable, OutputTable
-from drift.case.sources import SourceTable
-from drift.environment.environment_spec import Coast
-from drift.environment.forcing_spec import Forcing, ForcingSpec
-from drift.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
-from drift.motion.scenario import Scenario
-from drift.search import filling
-from drift.search.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit
-from drift.sensors.records import Processing, Sensor, Tow
-from drift.spill.records import Spill
+from drift.case.search import barrier as barrier_table
+from drift.case.search import contact as contact_table
+from drift.case.search import look as look_table
+from drift.case.search import plan as plan_table
+from drift.case.search import presence as presence_table
+from drift.case.search import sortie as sortie_table
+from drift.case.sonar import sonar as sonar_table
+from drift.case.sonar import tow as tow_table
+from drift.case.values import units
+from drift.case.values.mistakes import Mistakes
+from drift.engine.environment.environment_spec import Coast
+from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
+from drift.engine.motion.forcing_error import CASE, DEFAULT, UNFELT, ForcingError
+from drift.engine.motion.scenario import Scenario
+from drift.evidence.filter import filling
+from drift.evidence.filter.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit
+from drift.evidence.sensors.records import Processing, Sensor, Tow
+from drift.spills.worlds.records import Spill
 from geo import notation
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES

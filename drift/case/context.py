@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from drift.case.mistakes import Mistakes
-from drift.motion.scenario import Scenario
-from drift.sensors.records import Sensor
+from drift.case.values.mistakes import Mistakes
+from drift.engine.motion.scenario import Scenario
+from drift.evidence.sensors.records import Sensor
 from geo import notation
 from geo.errors import UserError
 

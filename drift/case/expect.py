@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from drift.case import fields
+from drift.case.values import fields
 from geo import notation, sphere
 from geo.notation import NMI
 

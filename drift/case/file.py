@@ -17,13 +17,16 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from drift.case import build, family, messages, mistakes, rest, sources, units
-from drift.case.mistakes import Mistakes
+from drift.case import build, rest
+from drift.case.forcing import sources
+from drift.case.forcing.sources import SourceTable
 from drift.case.record import Case
+from drift.case.scenario import family
 from drift.case.schema import CaseTable
-from drift.case.sources import SourceTable
-from drift.environment.forcing_spec import ForcingSpec
-from drift.motion.family import gathered
+from drift.case.values import messages, mistakes, units
+from drift.case.values.mistakes import Mistakes
+from drift.engine.environment.forcing_spec import ForcingSpec
+from drift.engine.motion.steering.family import gathered
 from geo.errors import UserError
 from geo.files import small
 from geo.forcing.quantity import QUANTITIES
@@ -75,7 +78,7 @@ def load(
 
 
 def is_of_tracking(data: Mapping[str, Any]) -> bool:
-    """Return whether tables are of a tracking case (drift.case.tracking), whatever is wrong with them."""
+    """Return whether tables are of a tracking case (drift.case.tracking.tracking), whatever is wrong with them."""
     other, own = {"scenario", "family", "spill"}, {"target", "detections", "detection", "method", "tracker"}
     return not other & set(data) and bool(own & set(data))
 

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drift.case.expect import Expect
-from drift.environment.environment_spec import Coast
-from drift.environment.forcing_spec import Forcing, ForcingSpec
-from drift.motion.forcing_error import Errors, ForcingError
-from drift.motion.period import Period
-from drift.motion.scenario import Scenario
-from drift.search.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit
-from drift.sensors.records import Processing, Sensor, Tow
-from drift.spill.records import Spill
+from drift.engine.environment.environment_spec import Coast
+from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
+from drift.engine.motion.forcing_error import Errors, ForcingError
+from drift.engine.motion.period import Period
+from drift.engine.motion.scenario import Scenario
+from drift.evidence.filter.records import Contact, PlanSpec, Resampling, Sensors, Sortie, Unit
+from drift.evidence.sensors.records import Processing, Sensor, Tow
+from drift.spills.worlds.records import Spill
 from geo import notation
 from geo.box import Box
 from geo.cells import Cells
@@ -58,7 +58,7 @@ class Case:
     current_error: ForcingError
     wind_error: ForcingError
     diffusivity: float  # [m2/s]
-    diffusivity_by: str  # whether the case says so, or a default: drift.case.uncertainty
+    diffusivity_by: str  # whether the case says so, or a default: drift.case.forcing.uncertainty
     scenarios: tuple[Scenario, ...]  # of a spill: one a class of objects, all with its prior
     spill: Spill | None
     sorties: tuple[Sortie, ...]  # by start

@@ -12,8 +12,10 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from drift.case import build, family, messages
+from drift.case import build
+from drift.case.scenario import family
 from drift.case.schema import SEARCH, CaseTable
+from drift.case.values import messages
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
 

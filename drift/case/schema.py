@@ -9,26 +9,26 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from drift.case import fields, units
 from drift.case.about import AboutTable
-from drift.case.barrier import BarrierTable, LineTable
-from drift.case.contact import ContactTable
 from drift.case.expect import Expect
-from drift.case.family import FamilyTable, expanded
-from drift.case.grid import GridTable
-from drift.case.itinerary import shared
-from drift.case.look import LookTable
-from drift.case.plan import PlanTable, ResamplingTable, UnitTable
-from drift.case.presence import PresenceTable
-from drift.case.scenario import ScenarioTable
-from drift.case.sonar import NamedSensorTable
-from drift.case.sortie import SortieTable
-from drift.case.sources import SourceTable
+from drift.case.forcing.sources import SourceTable
+from drift.case.forcing.uncertainty import Uncertainty, UncertaintyTable
+from drift.case.scenario.family import FamilyTable, expanded
+from drift.case.scenario.itinerary import shared
+from drift.case.scenario.scenario import ScenarioTable
+from drift.case.scenario.waypoints import VoyageTable
+from drift.case.search.barrier import BarrierTable, LineTable
+from drift.case.search.contact import ContactTable
+from drift.case.search.look import LookTable
+from drift.case.search.plan import PlanTable, ResamplingTable, UnitTable
+from drift.case.search.presence import PresenceTable
+from drift.case.search.sortie import SortieTable
+from drift.case.sonar.sonar import NamedSensorTable
+from drift.case.sonar.tow import TowTable
 from drift.case.spill import FindTable, PatrolTable, PatrolUnitTable, SpillTable
-from drift.case.tow import TowTable
-from drift.case.tracker import TrackerTable
-from drift.case.uncertainty import Uncertainty, UncertaintyTable
-from drift.case.waypoints import VoyageTable
+from drift.case.tracking.tracker import TrackerTable
+from drift.case.values import fields, units
+from drift.case.values.grid import GridTable
 from drift.forecast import shares
 from geo import notation
 from geo.box import Box, between

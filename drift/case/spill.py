@@ -2,8 +2,8 @@
 
 Holds the records that the engine takes (SI, UTC) and the tables of the case file that they are made from. What all
 objects of one spill share (release, bias of windage and current, share destroyed, sinking rate, readiness to report) is
-drawn once for each *world*; the objects are drawn within it. The probability model: drift.spill.worlds,
-drift.spill.finds.
+drawn once for each *world*; the objects are drawn within it. The probability model: drift.spills.worlds.worlds,
+drift.spills.worlds.finds.
 """
 
 import math
@@ -13,13 +13,13 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from drift.case import fields, units
-from drift.case.mistakes import Mistakes
-from drift.case.objects import ObjectTable
-from drift.case.places import AreaTable, PositionTable
-from drift.case.scenario import TracklineTable
-from drift.motion.scenario import JIBE_RATE, ReleasePrior
-from drift.spill.records import DAY, FEWEST_PARTICLES, Find, Kind, Patrol, Reporting, Sinking, Spill, Team
+from drift.case.scenario.objects import ObjectTable
+from drift.case.scenario.scenario import TracklineTable
+from drift.case.values import fields, units
+from drift.case.values.mistakes import Mistakes
+from drift.case.values.places import AreaTable, PositionTable
+from drift.engine.motion.scenario import JIBE_RATE, ReleasePrior
+from drift.spills.worlds.records import DAY, FEWEST_PARTICLES, Find, Kind, Patrol, Reporting, Sinking, Spill, Team
 from geo import notation
 
 MOST_CLASSES = 4
@@ -367,7 +367,7 @@ def build(
         per_world=table.particles(),
         destroyed=table.destroyed,
         windage_bias=table.windage_bias,
-        current_bias=table.current_bias or 0.0,  # until the whole case is known: drift.case.uncertainty
+        current_bias=table.current_bias or 0.0,  # until the whole case is known: drift.case.forcing.uncertainty
         reporting_bias=table.reporting.bias,
         redraws=table.redraws,
         stretch=table.stretches.length,

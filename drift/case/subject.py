@@ -12,16 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from drift.case import sources
-from drift.case.mistakes import Mistakes
-from drift.case.scenario import PARAMETERS, ScenarioTable
+from drift.case.forcing import sources
+from drift.case.scenario.scenario import PARAMETERS, ScenarioTable
 from drift.case.schema import CaseTable
 from drift.case.spill import build as build_spill
-from drift.environment.forcing_spec import Forcing, ForcingSpec
-from drift.motion.itinerary import Itinerary, Phase, Spread, Ways
-from drift.motion.leeway import WATER, Drifter
-from drift.motion.scenario import Scenario
-from drift.spill.records import Find, Patrol, Spill
+from drift.case.values.mistakes import Mistakes
+from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
+from drift.engine.motion.leeway import WATER, Drifter
+from drift.engine.motion.scenario import Scenario
+from drift.engine.motion.steering.itinerary import Itinerary, Phase, Spread, Ways
+from drift.spills.worlds.records import Find, Patrol, Spill
 from geo import notation
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
@@ -175,7 +175,7 @@ def _forced(model: str) -> bool:
     """Return whether a model of motion needs currents and winds."""
     if model == "drift":
         return True  # without the models, which load the compiler: a case is read without it
-    from drift.motion.models import MODELS
+    from drift.engine.motion.models import MODELS
 
     return MODELS[model].forced
 

@@ -3,7 +3,7 @@
 Everything here is float64 NumPy on fixed-point deposits, in one order: the same snapshots give the same bits on any
 number of threads. A map holds the object adrift or ashore; what is outside the forcing, has left, sunk or is not yet
 released is in the account (`status_probability`, which adds up to 1) but on no map. Longitudes run on over the
-antimeridian, from the grid's western edge eastward. The particles are read part by part: drift.particles.snapshot.
+antimeridian, from the grid's western edge eastward. The particles are read part by part: drift.engine.particles.snapshot.
 """
 
 from collections import deque
@@ -18,12 +18,13 @@ import shapely
 import xarray as xr
 from scipy import ndimage
 
-from drift.forecast import areas, cloud, containment, dataset, density, likeliest, survey
+from drift.engine.particles.snapshot import Output
+from drift.forecast import areas, cloud, containment, density, likeliest, survey
 from drift.forecast.cloud import Cloud
 from drift.forecast.likeliest import Shown
+from drift.forecast.products import dataset
 from drift.forecast.shares import SHARES
 from drift.forecast.survey import Survey
-from drift.particles.snapshot import Output
 from geo import sphere
 from geo.array import Array
 from geo.cells import QUANTUM, Cells, IsLand
@@ -51,7 +52,7 @@ class Contour:
 
 @dataclass(frozen=True)
 class Forecast:
-    """All products: `data` is what forecast.nc holds (see drift.forecast.dataset)."""
+    """All products: `data` is what forecast.nc holds (see drift.forecast.products.dataset)."""
 
     data: xr.Dataset
     contours: tuple[Contour, ...]

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from drift.output import formats
-from drift.output.chapter import Chapter, Contents, Stamped, bound
-from drift.particles import snapshot
-from drift.particles.snapshot import Output, Snapshot
-from drift.report import leaves
+from drift.engine.particles import snapshot
+from drift.engine.particles.snapshot import Output, Snapshot
+from drift.products.files import formats
+from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.report import leaves
 from geo.array import Array
 
 HEADER = ["member", "name", "prior", "posterior", "lon", "lat", "run_id"]

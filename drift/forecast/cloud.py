@@ -4,16 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drift.engine.particles.snapshot import Output, Snapshot, mapped, swarm
+from drift.engine.particles.status import Status
 from drift.forecast import areas, density
 from drift.forecast.likeliest import Shown
 from drift.forecast.survey import Survey
-from drift.particles.snapshot import Output, Snapshot, mapped, swarm
-from drift.particles.status import Status
 from geo import cells, mixing, sphere
 from geo.array import Array
 from geo.cells import Cells
-from kernels import tally
-from kernels.tally import Marks, Swarm
+from kernels.step import tally
+from kernels.step.tally import Marks, Swarm
 
 GROUPS = 4
 SAMPLE = 4096  # particles that tell how fine cells are to be

@@ -23,7 +23,7 @@ NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # rows and columns to half of th
 def strips(at: Any, shares: Sequence[float]) -> dict[float, shapely.MultiLineString]:
     """Return the coast in each share's area and in no smaller one, as lines [deg, unwrapped] from cell to cell.
 
-    at: a forecast's data (drift.forecast.dataset) at one time. shares: ascending; those without coast are left out.
+    at: a forecast's data (drift.forecast.products.dataset) at one time. shares: ascending; those without coast are left out.
     """
     held = np.nan_to_num(at["containment"].values, nan=np.inf)
     which = np.where(_on_coast(at), np.searchsorted(shares, held), len(shares))

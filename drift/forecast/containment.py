@@ -20,7 +20,7 @@ def at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
 
     It is 1 where there is no probability.
 
-    data: a drift.forecast.dataset, of a run or from forecast.nc. Between the centres of cells that hold any probability
+    data: a drift.forecast.products.dataset, of a run or from forecast.nc. Between the centres of cells that hold any probability
     the logarithm of 1 - containment is bilinear: for a bivariate normal that is the logarithm of density, which the
     contours are drawn by. A cell's own reading is noise of up to its difference from its neighbours; the point's is
     not.

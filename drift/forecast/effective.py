@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from drift.engine.particles import partials, weights
+from drift.engine.particles.partials import Blocks, Partial
 from drift.forecast import likeliest
-from drift.particles import partials, weights
-from drift.particles.partials import Blocks, Partial
 from geo import notation
 from geo.array import Array
 
@@ -120,7 +120,7 @@ def banner(count: Count, rough: str = "the areas are rough", when: str = "") -> 
 def at(data: Any, time: int, particles: int | None = None) -> Count:
     """Return how many count for a forecast's map at an output.
 
-    That is its worlds if these are few, else its particles. data: as of drift.forecast.dataset; particles: how many
+    That is its worlds if these are few, else its particles. data: as of drift.forecast.products.dataset; particles: how many
     were drawn.
     """
     if "effective_worlds" in data:

@@ -11,7 +11,7 @@ COARSE = 1.0  # cells to the bandwidth of the densest part; with fewer, areas ar
 
 
 def warnings(data: Any) -> list[str]:
-    """Return the warnings of a forecast (drift.forecast.dataset) on a grid of the user's own.
+    """Return the warnings of a forecast (drift.forecast.products.dataset) on a grid of the user's own.
 
     There are none on a grid that follows the particles.
     """

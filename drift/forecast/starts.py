@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from drift.engine.motion.scenario import Scenario
 from drift.forecast.likeliest import Shown
-from drift.maps.marks import Line, Mark
-from drift.motion.scenario import Scenario
+from drift.products.maps.marks import Line, Mark
 
 
 def starts(
@@ -21,7 +21,7 @@ def starts(
     for scenario in scenarios if shown is None else [scenarios[number] for number in shown.alone]:
         prior = scenario.prior
         if prior is None:
-            continue  # its way, which begins there, is a layer of its own: drift.environment.layers
+            continue  # its way, which begins there, is a layer of its own: drift.engine.environment.layers
         if prior.reported:
             label = known_as if len(scenarios) == 1 else f"{short}, {scenario.name}"
             marks.append(Mark(*prior.reported, label))

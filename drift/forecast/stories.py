@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from drift.forecast import areas, dataset
+from drift.forecast import areas
 from drift.forecast.build import Contour, Forecast
+from drift.forecast.products import dataset
 from geo import sphere
 from geo.array import Array
 from geo.cells import Cells

@@ -4,14 +4,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drift.engine.particles import partials, snapshot
+from drift.engine.particles.partials import Partial
+from drift.engine.particles.snapshot import Means, Output, mapped
+from drift.engine.particles.status import Status, under_way
 from drift.forecast import effective
 from drift.forecast.effective import Effective
-from drift.particles import partials, snapshot
-from drift.particles.partials import Partial
-from drift.particles.snapshot import Means, Output, mapped
-from drift.particles.status import Status, under_way
 from geo.array import Array
-from kernels import tally
+from kernels.step import tally
 
 
 @dataclass(frozen=True)

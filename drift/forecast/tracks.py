@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from drift.engine.particles.status import AT_REST, LOST, Status
 from drift.forecast.build import Forecast
-from drift.output import formats
-from drift.particles.status import AT_REST, LOST, Status
+from drift.products.files import formats
 from geo import notation, sphere
 from geo.array import Array
 
@@ -23,7 +23,7 @@ class Trajectories:
     scenario: Array  # int, (m,)
     lon: Array  # int32 binary angle, (m, t)
     lat: Array  # int32 binary angle, (m, t)
-    status: Array  # drift.particles.status.Status, (m, t)
+    status: Array  # drift.engine.particles.status.Status, (m, t)
     weight: Array  # probability of the particle [1], (m, t)
     # Each int32 (m,), -1 where there is none; None: not known. Times count from the start of the run in its direction.
     release: Array | None = None  # [s]

@@ -2,7 +2,7 @@
 
 Every polygon vertex is rounded to int32 binary angles (at most 5 mm away); from there on everything is exact integer
 geometry in the lon-lat plane. A cell lists every edge that touches it, knows how far (in cells) the nearest cell with
-an edge is, and whether its reference point lies on land. `build` makes it; kernels.coast reads it, and so do the
+an edge is, and whether its reference point lies on land. `build` makes it; kernels.step.coast reads it, and so do the
 functions below for single questions. A point exactly on an edge is on land. Outside the grid everything is water.
 
 A box that reaches beyond the box to which the polygons were cut is refused: the cut would count as coast.

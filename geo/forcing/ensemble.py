@@ -6,8 +6,9 @@ import numpy as np
 
 from geo.array import Array
 from geo.errors import UserError
-from geo.forcing import clock, slices
-from geo.forcing.component import Component
+from geo.forcing.reading import slices
+from geo.forcing.reading.component import Component
+from geo.forcing.times import clock
 from geo.grids import layout
 from geo.grids.layout import Layout
 

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from geo.array import Array
 from geo.errors import UserError
-from geo.forcing import clock, component, derived, level, members, quantities, speed
+from geo.forcing import derived, level, members, quantities, speed
 from geo.forcing.quantities import Pair
+from geo.forcing.reading import component
+from geo.forcing.times import clock
 from geo.grids import naming
 
 NEAR = 0.01  # share of the step between columns or rows by which those of two files may differ

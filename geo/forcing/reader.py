@@ -16,26 +16,12 @@ from geo.array import Array
 from geo.box import Box
 from geo.errors import UserError
 from geo.files import dataset
-from geo.forcing import (
-    averages,
-    blank,
-    clock,
-    component,
-    ensemble,
-    harmonise,
-    members,
-    memory,
-    nest,
-    quantities,
-    slices,
-    survey,
-    tile,
-    validity,
-    versions,
-)
-from geo.forcing.component import Component
-from geo.forcing.kept import Kept
+from geo.forcing import ensemble, harmonise, members, quantities, survey, validity
 from geo.forcing.quantity import QUANTITIES
+from geo.forcing.reading import blank, component, memory, nest, slices, tile
+from geo.forcing.reading.component import Component
+from geo.forcing.reading.kept import Kept
+from geo.forcing.times import averages, clock, versions
 from geo.grids import fill, layout, naming
 from geo.grids.grid import Grid
 from geo.grids.layout import Layout

@@ -21,9 +21,10 @@ from geo.errors import UserError
 from geo.files import address, dataset
 from geo.forcing import analytic as flows
 from geo.forcing import members as called
-from geo.forcing import memory, reader
-from geo.forcing.kept import Finished, Shelf
+from geo.forcing import reader
 from geo.forcing.quantity import QUANTITIES
+from geo.forcing.reading import memory
+from geo.forcing.reading.kept import Finished, Shelf
 from geo.grids.grid import Grid
 
 EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)  # the globe in one cell, for fields that are the same everywhere

@@ -15,9 +15,10 @@ from geo import notation
 from geo.array import Array
 from geo.errors import UserError
 from geo.files.dataset import remote
-from geo.forcing import quantities, slices
-from geo.forcing.component import Component
+from geo.forcing import quantities
 from geo.forcing.quantity import QUANTITIES
+from geo.forcing.reading import slices
+from geo.forcing.reading.component import Component
 
 READ = 64 * 2**20  # [bytes] of values at most, both components and all slices together
 READ_REMOTE = 4 * 2**20  # [bytes] of values at most from an address

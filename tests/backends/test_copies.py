@@ -13,7 +13,7 @@ pytestmark = pytest.mark.skipif(bool(cuda_stub.why_not()), reason=cuda_stub.why_
 ROUND_TRIP = """
 import sys, numpy as np, taichi as ti
 from pathlib import Path
-from kernels import runtime
+from kernels.runtime import runtime
 runtime.start("cuda")
 log = Path(sys.argv[1]) / "calls.txt"
 begun = len(log.read_text().splitlines())

@@ -7,7 +7,7 @@ import pytest
 
 from drift.case import file as case_file
 from drift.case.file import UserError
-from drift.motion.itinerary import Acts
+from drift.engine.motion.steering.itinerary import Acts
 from geo import sphere
 
 HEAD = 'title = "trial"\nstart = "2026-03-05T00:07Z"\nduration = "2 h"\ncoast.source = "none"\n'

@@ -5,10 +5,10 @@ from collections.abc import Callable
 
 import pytest
 
-from drift.case.grid import GridTable
+from drift.apps.cli import given
+from drift.apps.fetch import fetching
 from drift.case.schema import DomainTable
-from drift.cli import given
-from drift.providers import fetching
+from drift.case.values.grid import GridTable
 
 WIDTH: dict[str, Callable[[float, float], float]] = {
     "domain": lambda west, east: _wide(DomainTable(west=west, east=east, south=24, north=31).box()),

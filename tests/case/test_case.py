@@ -11,13 +11,13 @@ import pytest
 from places import DATA, ROOT
 
 from drift.case import file as case_file
-from drift.case import scenario
 from drift.case.record import Case
-from drift.environment.forcing_spec import Slices
-from drift.motion import leeway
-from drift.motion.drift import DRIFT
-from drift.motion.models import MODELS
-from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
+from drift.case.scenario import scenario
+from drift.engine.environment.forcing_spec import Slices
+from drift.engine.motion import leeway
+from drift.engine.motion.drift import DRIFT
+from drift.engine.motion.models import MODELS
+from drift.engine.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 from geo import sphere
 from geo.box import Box
 from geo.errors import UserError

@@ -5,9 +5,9 @@ from pathlib import Path as File
 import numpy as np
 import pytest
 
-from drift.case import tracking
-from drift.tracker import path
-from drift.tracker.detections import Detections
+from drift.case.tracking import tracking
+from drift.tracking.tracker import path
+from drift.tracking.tracker.detections import Detections
 from geo.errors import UserError
 
 CASE = """

@@ -129,7 +129,7 @@ weights = { "38.5" = 1, "39.5" = 3 }
     ],
 )  # fmt: skip
 def test_what_values_are_called(axis: str, labels: list[str]) -> None:
-    from drift.case.family import FamilyTable
+    from drift.case.scenario.family import FamilyTable
 
     table = FamilyTable.model_validate({"name": "f", "axis": {"a": case_file.tomllib.loads(f"axis = {axis}")["axis"]}})
     assert [story["name"] for story in table.stories()] == [f"f, {label}" for label in labels]

@@ -7,7 +7,7 @@ import pyogrio
 import pytest
 import shapely
 
-from drift.case import gpx
+from drift.case.values import gpx
 from geo.errors import UserError
 
 HEAD = (

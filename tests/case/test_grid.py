@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from drift.case.grid import GridTable
+from drift.case.values.grid import GridTable
+from drift.engine.particles.snapshot import Snapshot
 from drift.forecast import build as forecast_build
 from drift.forecast import off_grid
-from drift.particles.snapshot import Snapshot
 from geo import sphere
 from geo.errors import UserError
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from drift.apps.check import check
 from drift.case import file as case_file
-from drift.preview import check
-from drift.search import shapes
-from drift.search.records import Contact, Heard, Tone
+from drift.evidence.filter import shapes
+from drift.evidence.filter.records import Contact, Heard, Tone
 from geo.errors import UserError
 
 HEAD = """

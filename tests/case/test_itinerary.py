@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from cases import __file__ as cases
-from drift import start
 from drift.case import file as case_file
 from drift.case.file import UserError
-from drift.motion.itinerary import Course, Loiter, Spread, Ways
+from drift.engine.motion.steering.itinerary import Course, Loiter, Spread, Ways
+from drift.pipeline import run_setup
 
 HEAD = 'title = "trial"\nstart = "2026-03-05T00:00Z"\nduration = "60 h"\n'
 OPEN = '[coast]\nsource = "none"\n'
@@ -275,7 +275,7 @@ def on_an_island(tmp_path: Path, body: str) -> tuple[str, ...]:
     path.write_text(HEAD + '[coast]\nsource = "island.geojson"\n' + body)
     case = case_file.load(path)
     try:
-        start.open_for(case)
+        run_setup.open_for(case)
     except UserError as told:
         return told.lines
     return ()

@@ -7,12 +7,12 @@ import pytest
 import xarray as xr
 
 import drift
-from drift import facts, start
-from drift.case import uncertainty
-from drift.cli import commands
-from drift.environment import domain
-from drift.motion.forcing_error import DEFAULT, MEMBERS, NOWHERE
-from drift.preview import check
+from drift.apps.check import check
+from drift.apps.cli import commands
+from drift.case.forcing import uncertainty
+from drift.engine.environment import domain
+from drift.engine.motion.forcing_error import DEFAULT, MEMBERS, NOWHERE
+from drift.pipeline import run_metadata, run_setup
 from geo.errors import UserError
 
 CASE = """
@@ -90,7 +90,7 @@ def test_members_of_a_built_in_flow_add_to_its_parameters(tmp_path: Path) -> Non
         {"mean_east": 0.2, "speed": 0.1},
         {"mean_east": 0.2, "speed": 0.3},
     ]
-    assert facts.synthetic(case)
+    assert run_metadata.synthetic(case)
     told = check.check(case)
     assert "speed = 0.1, speed = 0.3" in told["current current 1"]
     assert told["members"].startswith("2, all as likely; each particle drifts in one of them for its life, about 300")
@@ -98,7 +98,7 @@ def test_members_of_a_built_in_flow_add_to_its_parameters(tmp_path: Path) -> Non
 
 def test_the_fastest_of_the_members_sets_the_domain(tmp_path: Path) -> None:
     def north(case: drift.Case) -> float:
-        return domain.utmost(start.ensemble_spec(case), start.environment_spec(case)).north
+        return domain.utmost(run_setup.ensemble_spec(case), run_setup.environment_spec(case)).north
 
     assert north(load(tmp_path, TYPED.replace("east = 0.2", "east = 6"))) > north(load(tmp_path)) + 0.1
 
@@ -109,13 +109,13 @@ def test_the_spread_of_members_stands_for_the_default_error(tmp_path: Path) -> N
     silent = load(tmp_path, ocean)
     assert silent.current_error.std == 0
     assert silent.current_error.by[0] == MEMBERS
-    assert "no error of the current (the spread of its members stands for it)" in facts.errors(silent)
-    assert not facts.caution(silent)
+    assert "no error of the current (the spread of its members stands for it)" in run_metadata.errors(silent)
+    assert not run_metadata.caution(silent)
     stated = load(tmp_path, ocean, more='[uncertainty]\ncurrent = { std = "0.1 m/s" }')
     assert stated.current_error.std == pytest.approx(0.1)
-    assert facts.errors(stated).endswith("; added to the spread of the members of the current")
+    assert run_metadata.errors(stated).endswith("; added to the spread of the members of the current")
     none = load(tmp_path, ocean, more='[uncertainty]\ncurrent = "none"')
-    assert facts.caution(none) == "NO ERROR of current in this forecast"
+    assert run_metadata.caution(none) == "NO ERROR of current in this forecast"
     one = load(tmp_path, ocean.replace("members = true", "variables = { number = 0 }"))
     assert one.current_error.by[0] == DEFAULT
     assert one.current_error.std == uncertainty.CURRENT.std

@@ -9,9 +9,9 @@ import pytest
 
 import drift
 from cases import __file__ as cases
-from drift.case import network
-from drift.case.network import Chart
-from drift.motion import lanes
+from drift.case.scenario import network
+from drift.case.scenario.network import Chart
+from drift.engine.motion.steering import lanes
 from geo.errors import UserError
 
 NMI = 1852.0

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from drift.case import messages
-from drift.case.route import AsGiven, RouteTable
-from drift.motion.lanes import Network
+from drift.case.scenario.route import AsGiven, RouteTable
+from drift.case.values import messages
+from drift.engine.motion.steering.lanes import Network
 
 # A square with a diagonal: A - B - C - D - A, and the one-way lane A to C, which is shorter than by B or D.
 SQUARE = Network(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drift.case import file as case_file
-from drift.search.records import Barrier, Field, Line, Look, Presence, Sensors, Sight
+from drift.evidence.filter.records import Barrier, Field, Line, Look, Presence, Sensors, Sight
 from geo import gnomonic, sphere
 from geo.errors import UserError
 

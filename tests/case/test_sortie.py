@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drift.apps.check import check
 from drift.case import file as case_file
 from drift.case.record import Case
-from drift.preview import check
-from drift.search import patterns
-from drift.search.records import Contact, Law, Sortie, Unit
+from drift.evidence.filter import patterns
+from drift.evidence.filter.records import Contact, Law, Sortie, Unit
 from geo import polyline
 from geo.errors import UserError
 from geo.polyline import Legs

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drift import flow
+from drift.apps.cli.commands import main
 from drift.case import file as case_file
-from drift.cli.commands import main
-from drift.spill import evidence, release
+from drift.pipeline import flow
+from drift.spills.worlds import evidence, release
 from geo.errors import UserError
 
 pytestmark = pytest.mark.usefixtures("coarse_maps")  # no number is read off a map

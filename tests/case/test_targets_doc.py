@@ -8,8 +8,9 @@ import pytest
 from places import ROOT
 from pydantic import BaseModel
 
-from drift.case import family, itinerary, tracker, waypoints
 from drift.case import file as case_file
+from drift.case.scenario import family, itinerary, waypoints
+from drift.case.tracking import tracker
 
 TEXT = (ROOT / "docs" / "targets.md").read_text(encoding="utf-8")
 HEADINGS: dict[str, type[BaseModel]] = {

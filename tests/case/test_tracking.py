@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import drift
-from drift.case import tracking
+from drift.case.tracking import tracking
 from geo.errors import UserError
 
 GOOD = """

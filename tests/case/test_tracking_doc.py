@@ -6,7 +6,7 @@ import pytest
 from places import ROOT
 from pydantic import BaseModel
 
-from drift.case import detections, tracker, tracking
+from drift.case.tracking import detections, tracker, tracking
 
 (TEXT,) = re.findall(
     r"^## Every key\n(.*?)(?=^## )",

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drift.case import units
+from drift.case.values import units
 from geo import notation
 
 

@@ -9,7 +9,7 @@ import pytest
 import spills
 
 import drift
-from drift.planner import optimiser
+from drift.planning.search import optimiser
 
 FIND = '[[find]]\nat = [-0.1, 0.03]\ntime = "+20 h"\nat_sea = true\nradius = "20 km"\n'
 TRACK = [(0.0, 0.0), (0.02, 0.01), (0.05, 0.01), (0.07, 0.03)]

@@ -15,9 +15,11 @@ from places import ROOT
 from pydantic import BaseModel, ConfigDict, create_model
 
 import drift
-from drift.case import bridge, itinerary, network, schema, tracking
-from drift.cli import grammar
-from drift.providers import catalogue
+from drift.apps.cli import grammar
+from drift.apps.fetch import catalogue
+from drift.case import schema
+from drift.case.scenario import itinerary, network
+from drift.case.tracking import bridge, tracking
 from geo.errors import UserError
 
 pytestmark = [pytest.mark.documentation, pytest.mark.timeout(1800)]

@@ -8,8 +8,8 @@ from generate import commands, files, keys, objects
 from places import ROOT
 
 import drift
-from drift.case import fields
-from drift.cli import commands as cli
+from drift.apps.cli import commands as cli
+from drift.case.values import fields
 
 pytestmark = pytest.mark.documentation
 

@@ -9,11 +9,11 @@ import pytest
 import shapely
 import xarray as xr
 
+from drift.engine.particles import partials
+from drift.engine.particles.snapshot import Snapshot
+from drift.engine.particles.status import Status
 from drift.forecast import build as forecast_build
 from drift.forecast import cloud, density, shares, survey
-from drift.particles import partials
-from drift.particles.snapshot import Snapshot
-from drift.particles.status import Status
 from geo import cells, sphere
 
 LON, LAT = -87.3, 28.1  # [deg] where the test clouds lie

@@ -11,9 +11,10 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from pyproj import Geod
 
-from drift.forecast import coastal, layers, report
+from drift.forecast import coastal
 from drift.forecast.build import Contour
-from drift.maps import chart
+from drift.forecast.products import layers, report
+from drift.products.maps import chart
 
 SHARES = (0.5, 0.75, 0.95)
 # 1: half ashore, of the 50 % area; 2: of the 75 % area; 3: of the 95 % area; 4: beyond; 5: of the 50 % area, but mostly adrift.

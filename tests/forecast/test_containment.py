@@ -5,9 +5,9 @@ import pytest
 import xarray as xr
 from scipy import stats
 
+from drift.engine.particles.snapshot import Snapshot
 from drift.forecast import build as forecast_build
 from drift.forecast import containment, density
-from drift.particles.snapshot import Snapshot
 from geo import sphere
 from geo.errors import UserError
 

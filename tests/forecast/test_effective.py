@@ -19,17 +19,18 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 import drift
-from drift.forecast import beyond, effective, layers, tables
+from drift.engine.particles.status import Status
+from drift.evidence.filter.products import evidence_map, particles_left
+from drift.evidence.filter.products import layers as search_layers
 from drift.forecast import build as forecast_build
-from drift.forecast import map as forecast_map
+from drift.forecast import effective
 from drift.forecast.effective import Count
-from drift.maps.imprint import Imprint, Setting
-from drift.particles.status import Status
-from drift.planner import files as plan_files
-from drift.planner import map as plan_map
-from drift.planner import text as plan_text
-from drift.search import evidence_map, particles_left
-from drift.search import layers as search_layers
+from drift.forecast.products import beyond, layers, tables
+from drift.forecast.products import map as forecast_map
+from drift.planning.search.products import files as plan_files
+from drift.planning.search.products import map as plan_map
+from drift.planning.search.products import text as plan_text
+from drift.products.maps.imprint import Imprint, Setting
 from geo import notation, sphere
 
 WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of

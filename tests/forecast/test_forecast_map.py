@@ -12,15 +12,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
+from drift.engine.particles.snapshot import Snapshot
+from drift.engine.particles.status import Status
 from drift.forecast import build as forecast_build
-from drift.forecast import layers
-from drift.forecast import map as forecast_map
-from drift.forecast import words as forecast_words
-from drift.maps import chart, field, labels
-from drift.maps.imprint import Imprint, Setting
-from drift.maps.marks import Line, Mark
-from drift.particles.snapshot import Snapshot
-from drift.particles.status import Status
+from drift.forecast.products import layers
+from drift.forecast.products import map as forecast_map
+from drift.forecast.products import words as forecast_words
+from drift.products.maps import chart, field, labels
+from drift.products.maps.imprint import Imprint, Setting
+from drift.products.maps.marks import Line, Mark
 from geo import notation, sphere
 
 WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
@@ -278,5 +278,5 @@ def test_provenance_is_in_the_picture(tmp_path):
 
 
 def test_pyplot_stays_out():
-    program = "import sys, drift.forecast.map; sys.exit('matplotlib.pyplot' in sys.modules)"
+    program = "import sys, drift.forecast.products.map; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

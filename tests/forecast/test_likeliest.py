@@ -4,10 +4,11 @@ import clouds
 import numpy as np
 import pytest
 
-from drift.forecast import build, dataset, effective, likeliest, tables
-from drift.particles.snapshot import Snapshot
-from drift.search import updates as search_updates
-from drift.search.updates import Update, Updates
+from drift.engine.particles.snapshot import Snapshot
+from drift.evidence.filter import updates as search_updates
+from drift.evidence.filter.updates import Update, Updates
+from drift.forecast import build, effective, likeliest
+from drift.forecast.products import dataset, tables
 from geo import sphere
 
 MANY = 17

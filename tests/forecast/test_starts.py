@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drift.engine.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 from drift.forecast.starts import starts
-from drift.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 
 BEGIN = np.datetime64("2026-11-21T18:30")
 

@@ -8,11 +8,12 @@ import pytest
 from PIL import Image
 from pyproj import Geod
 
+from drift.engine.particles.status import Status
 from drift.forecast import build as forecast_build
-from drift.forecast import chapter, effective, stories, stories_map
-from drift.maps.imprint import Imprint, Setting
-from drift.maps.marks import Line, Mark
-from drift.particles.status import Status
+from drift.forecast import effective, stories
+from drift.forecast.products import chapter, stories_map
+from drift.products.maps.imprint import Imprint, Setting
+from drift.products.maps.marks import Line, Mark
 from geo import sphere
 
 N = 6000

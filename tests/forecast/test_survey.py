@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from drift.engine.motion.drift import COLUMNS
+from drift.engine.particles import ensemble as record
+from drift.engine.particles.ensemble import Ensemble
+from drift.engine.particles.snapshot import Snapshot
+from drift.engine.particles.status import Status
 from drift.forecast import survey
 from drift.forecast.survey import Survey
-from drift.motion.drift import COLUMNS
-from drift.particles import ensemble as record
-from drift.particles.ensemble import Ensemble
-from drift.particles.snapshot import Snapshot
-from drift.particles.status import Status
 
 RNG = np.random.default_rng(4)
 

@@ -11,7 +11,7 @@ from pyproj import Geod
 
 from geo import sphere
 from geo.box import Box
-from kernels import sphere as kernel
+from kernels.maths import sphere as kernel
 
 GEOD = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 longitudes = st.floats(-180, 179.999)

@@ -10,7 +10,7 @@ from pyproj import Geod
 from scipy import stats
 from targets import KNOT, PERIOD, Fleet
 
-from drift.motion.itinerary import Acts, Followed, Itinerary, Spread
+from drift.engine.motion.steering.itinerary import Acts, Followed, Itinerary, Spread
 from geo import sphere
 
 FREE, SEEKING, HIDING = 1, 2, 3

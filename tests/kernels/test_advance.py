@@ -7,10 +7,10 @@ from scipy import stats
 
 from geo import sphere
 from geo.grids.grid import Grid
-from kernels import errors, integrate, velocity
-from kernels.coast import Ints, Reals
-from kernels.features import CURRENT, STOKES, WIND
-from kernels.sample import Sea, Tiles
+from kernels.step import errors, integrate, velocity
+from kernels.step.coast import Ints, Reals
+from kernels.step.features import CURRENT, STOKES, WIND
+from kernels.step.sample import Sea, Tiles
 
 RNG = np.random.default_rng(23)
 EPS = 2.0**-24  # half the distance from 1 to the next float32: what one operation may err

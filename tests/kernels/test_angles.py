@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from kernels import angles, doubles, runtime
+from kernels.maths import angles, doubles
+from kernels.runtime import runtime
 
 F32 = ti.types.ndarray(dtype=ti.f32, ndim=1)
 F64 = ti.types.ndarray(dtype=ti.f64, ndim=1)

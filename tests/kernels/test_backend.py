@@ -9,15 +9,15 @@ import pytest
 from places import ROOT
 
 from geo.errors import UserError
-from kernels import devices, drivers, runtime
-from kernels.devices import Device, Listed
+from kernels.runtime import devices, drivers, runtime
+from kernels.runtime.devices import Device, Listed
 
 CARD = Device("cuda", 0, "Card", "discrete", "CUDA 12.4", 8 * 2**30, 6 * 2**30)
 OOM = "[cuda_driver.h:operator()@92] CUDA Error CUDA_ERROR_OUT_OF_MEMORY: out of memory while calling malloc_async_impl (cuMemAllocAsync)"
 DOUBLED = """
 import numpy as np
 import taichi as ti
-from kernels import devices, drivers, runtime
+from kernels.runtime import devices, drivers, runtime
 
 @ti.kernel
 def double(values: ti.types.ndarray()):

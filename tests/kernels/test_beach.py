@@ -8,22 +8,22 @@ import shapely
 from scipy import stats
 
 import drift
-from drift.motion import simulate
-from drift.motion.clock import Clock
-from drift.motion.drift import COLUMNS, DRIFT
-from drift.motion.forcing import Forcing, Sources
-from drift.motion.model import Motion
-from drift.motion.scene import Scene
-from drift.particles import ensemble as record
-from drift.particles.status import Status
-from drift.spill import release
+from drift.engine.motion import simulate
+from drift.engine.motion.clock import Clock
+from drift.engine.motion.drift import COLUMNS, DRIFT
+from drift.engine.motion.forcing import Forcing, Sources
+from drift.engine.motion.model import Motion
+from drift.engine.motion.scene import Scene
+from drift.engine.particles import ensemble as record
+from drift.engine.particles.status import Status
+from drift.spills.worlds import release
 from geo import sphere
 from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast.shore import Shore
 from geo.forcing import sources
-from kernels import advance as kernel
-from kernels import coast as device_coast
+from kernels.step import advance as kernel
+from kernels.step import coast as device_coast
 
 EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
 T0 = 1_795_000_000 // 3600 * 3600

@@ -10,9 +10,9 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.stats import norm
 
 from geo import sphere
-from kernels import beams, stations
-from kernels.beams import Beams, Course
-from kernels.stations import Swarm, Tables, Ways
+from kernels.planning import beams, stations
+from kernels.planning.beams import Beams, Course
+from kernels.planning.stations import Swarm, Tables, Ways
 
 GEOD = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 RANDOM = np.random.default_rng(21)

@@ -14,7 +14,7 @@ from places import ROOT
 LAUNCH = """
 import numpy as np
 import taichi as ti
-from kernels import runtime
+from kernels.runtime import runtime
 
 @ti.kernel
 def double(values: ti.types.ndarray()):

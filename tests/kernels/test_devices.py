@@ -5,8 +5,8 @@ from collections.abc import Callable
 import pytest
 
 from geo.errors import UserError
-from kernels import devices
-from kernels.devices import Device, Listed
+from kernels.runtime import devices
+from kernels.runtime.devices import Device, Listed
 
 GIB = 2**30
 CARD = Device("cuda", 0, "Card", "discrete", "driver 550.54, CUDA 12.4", 8 * GIB, 6 * GIB)

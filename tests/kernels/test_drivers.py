@@ -14,9 +14,10 @@ import pytest
 from places import ROOT
 
 from geo.errors import UserError
-from kernels import clouds, devices, drivers, runtime
+from kernels.runtime import devices, drivers, runtime
+from kernels.tracking import clouds
 
-LIST = "import json, sys; from dataclasses import asdict; from kernels import drivers; "
+LIST = "import json, sys; from dataclasses import asdict; from kernels.runtime import drivers; "
 LIST += "print(json.dumps(asdict(drivers.ask(sys.argv[1]))))"
 Ask = Callable[..., dict]
 

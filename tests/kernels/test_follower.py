@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from drift.tracker import following, path
-from drift.tracker.path import Path
-from kernels import follower, launch, noise, tables
-from kernels.follower import ACTING, HIDING, SEEKING, Cloud, Legs, Own, Rule, Rules
+from drift.tracking.tracker import following, path
+from drift.tracking.tracker.path import Path
+from kernels.maths import noise
+from kernels.runtime import launch, tables
+from kernels.tracking import follower
+from kernels.tracking.follower import ACTING, HIDING, SEEKING, Cloud, Legs, Own, Rule, Rules
 
 Table = ti.types.ndarray(dtype=ti.f64, ndim=2)
 Ints = ti.types.ndarray(dtype=ti.i32, ndim=2)

@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.gpu, pytest.mark.timeout(900)]
 DIFFERENT = ("search", "steered", "heard", "members", "spill")  # those not run twice
 # Positions are in units of 9 mm; a step rounds to one of them, and a hundred steps add up to some decimetres.
 MEDIAN, MOST = 0.1, 1.0  # [m] of half the particles, and of 99 of a hundred
-START = "from kernels import runtime; runtime.start({!r})"
+START = "from kernels.runtime import runtime; runtime.start({!r})"
 Results = Mapping[str, np.ndarray]
 
 

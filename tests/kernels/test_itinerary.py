@@ -9,8 +9,8 @@ import taichi as ti
 from scipy import stats
 from targets import HOUR, NMI, PERIOD, Fleet, triangle
 
-from drift.motion import itinerary_tables
-from drift.motion.itinerary import (
+from drift.engine.motion.steering import itinerary_tables
+from drift.engine.motion.steering.itinerary import (
     NONE,
     Abeam,
     Acts,
@@ -24,10 +24,11 @@ from drift.motion.itinerary import (
     WayPoint,
     Ways,
 )
-from drift.particles.status import Status
+from drift.engine.particles.status import Status
 from geo import sphere
-from kernels import itinerary, noise
-from kernels.itinerary import Chance, Plan
+from kernels.maths import noise
+from kernels.steering import itinerary
+from kernels.steering.itinerary import Chance, Plan
 
 Table = ti.types.ndarray(dtype=ti.f32, ndim=2)
 N = 40_000

@@ -8,7 +8,7 @@ import taichi as ti
 from scipy import integrate
 from scipy.stats import norm
 
-from kernels import jumps
+from kernels.evidence import jumps
 
 Reals = ti.types.ndarray(dtype=ti.f32, ndim=1)
 HOUR = 3600.0

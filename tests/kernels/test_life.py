@@ -4,8 +4,9 @@ import numpy as np
 import taichi as ti
 from scipy import stats
 
-from kernels import launch, life
-from kernels.coast import Ints, Reals
+from kernels.runtime import launch
+from kernels.step import life
+from kernels.step.coast import Ints, Reals
 
 RNG = np.random.default_rng(11)
 MOMENT, STEP = 40, 13  # [s] begin and length of the step

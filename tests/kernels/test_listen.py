@@ -14,7 +14,7 @@ import taichi as ti
 from scipy import interpolate, special
 from sonars import Sonar, run
 
-from kernels import listen
+from kernels.evidence import listen
 
 Reals = ti.types.ndarray(dtype=ti.f32, ndim=1)
 Reals2 = ti.types.ndarray(dtype=ti.f32, ndim=2)

@@ -10,9 +10,9 @@ from geo import sphere
 from geo.box import Box
 from geo.coast import edges as shoreline
 from geo.coast.shore import Shore
-from kernels import coast as device_coast
-from kernels import curve, shore
-from kernels.coast import Coast, Ints, Reals
+from kernels.step import coast as device_coast
+from kernels.step import curve, shore
+from kernels.step.coast import Coast, Ints, Reals
 
 RNG = np.random.default_rng(31)
 EPS = 2.0**-24

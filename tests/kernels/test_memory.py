@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from kernels import memory
+from kernels.runtime import memory
 
 MB = 10**6
 

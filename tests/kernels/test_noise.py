@@ -5,8 +5,9 @@ import pytest
 import taichi as ti
 from scipy import stats
 
-from kernels import noise, runtime
-from kernels.noise import Purpose
+from kernels.maths import noise
+from kernels.maths.noise import Purpose
+from kernels.runtime import runtime
 
 # Random123 1.14.0, tests/kat_vectors, philox4x32 10 rounds: counter, key, answer.
 KNOWN = [

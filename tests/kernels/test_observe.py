@@ -13,8 +13,10 @@ import taichi as ti
 from scipy import stats
 
 from geo import sphere
-from kernels import noise, observe, pieces
-from kernels.itinerary import Chance
+from kernels.evidence import observe
+from kernels.maths import noise
+from kernels.steering import pieces
+from kernels.steering.itinerary import Chance
 
 NMI = 1852.0
 K = 12 * NMI / 60  # 12 nmi a square root of an hour [m/sqrt(s)]

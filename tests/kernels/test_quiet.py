@@ -5,7 +5,7 @@ import sys
 
 from places import ROOT
 
-WRAPPED = "import io, sys; sys.stdout = io.StringIO(); from kernels import runtime; sys.__stdout__.write(sys.stdout.getvalue())"
+WRAPPED = "import io, sys; sys.stdout = io.StringIO(); from kernels.runtime import runtime; sys.__stdout__.write(sys.stdout.getvalue())"
 
 
 def test_nothing_is_said_where_standard_output_is_wrapped() -> None:

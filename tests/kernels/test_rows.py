@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from drift.particles import ensemble as record
-from drift.particles.ensemble import Column
-from kernels import rows, runtime
+from drift.engine.particles import ensemble as record
+from drift.engine.particles.ensemble import Column
+from kernels.runtime import rows, runtime
 
 NAMES = ("a", "b", "c")
 VALUES = np.arange(15, dtype=np.float32).reshape(3, 5)

@@ -6,7 +6,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from geo import sphere
 from geo.grids.grid import Grid
-from kernels.sample import Tiles
+from kernels.step.sample import Tiles
 
 RNG = np.random.default_rng(8)
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from targets import HOUR, KNOT, NMI, PERIOD, Fleet, triangle
 
-from drift.motion.itinerary import (
+from drift.engine.motion.steering.itinerary import (
     NONE,
     Abeam,
     Between,
@@ -25,11 +25,11 @@ from drift.motion.itinerary import (
     WayPoint,
     Ways,
 )
-from drift.particles.status import Status
+from drift.engine.particles.status import Status
 from geo import sphere
-from kernels import steer
-from kernels.advance import Step
-from kernels.pieces import Room
+from kernels.steering import steer
+from kernels.steering.pieces import Room
+from kernels.step.advance import Step
 
 K12 = 12 * NMI / 60  # [m/sqrt(s)] 12 nmi/sqrt(h)
 

@@ -7,8 +7,9 @@ import taichi as ti
 from scipy import integrate
 
 from geo import sphere
-from kernels import allocate, sweep
-from kernels.coast import Ints, Reals
+from kernels.evidence import sweep
+from kernels.planning import allocate
+from kernels.step.coast import Ints, Reals
 
 RNG = np.random.default_rng(17)
 EPS = 2.0**-24

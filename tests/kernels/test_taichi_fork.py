@@ -18,7 +18,7 @@ RUN = """
 import sys
 import numpy as np
 import drift
-from kernels import runtime, taichi_way
+from kernels.runtime import runtime, taichi_way
 runtime.start(threads=2)
 print(taichi_way.fork)
 found = {}
@@ -31,7 +31,7 @@ GROUPS = """
 import kernels
 import numpy as np
 import taichi as ti
-from kernels import launch, runtime
+from kernels.runtime import launch, runtime
 runtime.start(threads=2)
 Reals = ti.types.ndarray(dtype=ti.f32, ndim=1)
 Two = ti.types.argpack(one=Reals, two=Reals, sizes=ti.types.vector(3, ti.i64))

@@ -11,14 +11,14 @@ import pytest
 import taichi
 from places import ROOT
 
-from kernels import taichi_inside, taichi_public
+from kernels.runtime import taichi_inside, taichi_public
 
-KERNELS = ROOT / "kernels"
+KERNELS = ROOT / "kernels" / "runtime"
 RUN = """
 import hashlib, sys
 import numpy as np
 import drift
-from kernels import runtime, taichi_way
+from kernels.runtime import runtime, taichi_way
 runtime.start(threads=2)
 print("inside" if taichi_way.inside else "public")
 for name, changes in (
@@ -58,11 +58,11 @@ def test_both_ways_give_the_same_bits() -> None:
 @pytest.mark.parametrize(
     ("version", "environment", "way"),
     [
-        ("(1, 7, 4)", {}, "True kernels.taichi_inside"),
-        ("(1, 7, 4)", {"DRIFT_PLAIN_TAICHI": "0"}, "True kernels.taichi_inside"),
-        ("(1, 7, 4)", {"DRIFT_PLAIN_TAICHI": "1"}, "False kernels.taichi_public"),
-        ("(1, 8, 0)", {}, "False kernels.taichi_public"),
-        ("(1, 7, 3)", {}, "False kernels.taichi_public"),
+        ("(1, 7, 4)", {}, "True kernels.runtime.taichi_inside"),
+        ("(1, 7, 4)", {"DRIFT_PLAIN_TAICHI": "0"}, "True kernels.runtime.taichi_inside"),
+        ("(1, 7, 4)", {"DRIFT_PLAIN_TAICHI": "1"}, "False kernels.runtime.taichi_public"),
+        ("(1, 8, 0)", {}, "False kernels.runtime.taichi_public"),
+        ("(1, 7, 3)", {}, "False kernels.runtime.taichi_public"),
     ],
 )
 def test_insides_are_used_of_the_release_that_is_known_alone(
@@ -80,7 +80,7 @@ def test_insides_are_used_of_the_release_that_is_known_alone(
 def test_no_other_file_reaches_into_taichi() -> None:
     """By imports from below the package's top; what compiles kernels is reached through `taichi_way.way`."""
     reaching = set()
-    for path in [*KERNELS.glob("*.py"), *(ROOT / "drift").rglob("*.py"), *(ROOT / "geo").rglob("*.py")]:
+    for path in [*(ROOT / "kernels").rglob("*.py"), *(ROOT / "drift").rglob("*.py"), *(ROOT / "geo").rglob("*.py")]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom | ast.Import):
                 first = getattr(node, "module", None) or ""
@@ -113,7 +113,7 @@ def test_both_ways_have_the_same_functions() -> None:
 
 def test_the_folder_of_compiled_kernels_is_the_same_in_both_ways(tmp_path: Path) -> None:
     """In a home of its own, which Taichi reads from the environment."""
-    code = "from pathlib import Path; from kernels import taichi_inside, taichi_public as public; "
+    code = "from pathlib import Path; from kernels.runtime import taichi_inside, taichi_public as public; "
     code += "print(Path(taichi_inside.cache()) == public.cache())"
     if sys.platform == "linux":
         assert done(code, HOME=str(tmp_path)) == ["True"]

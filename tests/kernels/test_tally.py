@@ -10,8 +10,8 @@ import pytest
 
 from geo import cells, sphere
 from geo.cells import Cells
-from kernels import tally
-from kernels.tally import HIDDEN, MOVING, RESTING, Marks, Swarm
+from kernels.step import tally
+from kernels.step.tally import HIDDEN, MOVING, RESTING, Marks, Swarm
 
 N, STATUSES, MEDIA, GROUPS = 997, 4, 2, 3
 KINDS = np.array([MOVING, RESTING, HIDDEN, RESTING], np.int32)

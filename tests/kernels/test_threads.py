@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import drift
-from drift.forecast import chapter
+from drift.forecast.products import chapter
 from geo.errors import UserError
-from kernels import runtime
+from kernels.runtime import runtime
 
 CASE = """
 title = "small"
@@ -32,7 +32,7 @@ position = { at = "48 10N 020 20W", error = "3 nmi" }
 HEAD = """
 import asyncio, sys, threading
 import drift
-from kernels import runtime
+from kernels.runtime import runtime
 cases = [drift.load(sys.argv[1], {"seed": str(seed)}) for seed in (3, 4)]
 def seen(case):
     return drift.run(case).probability.values.tobytes()
@@ -106,8 +106,8 @@ def test_a_graphics_card_serves_one_thread(monkeypatch: pytest.MonkeyPatch) -> N
 
 PLAIN = """
 import sys
-from drift.cli import commands
-from drift.forecast import chapter
+from drift.apps.cli import commands
+from drift.forecast.products import chapter
 chapter.PICTURES, chapter.STORIES = {}, {}
 sys.exit(commands.main(sys.argv[1:]))
 """

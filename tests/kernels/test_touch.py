@@ -5,8 +5,8 @@ import pytest
 import taichi as ti
 from scipy import stats
 
-from kernels import touch
-from kernels.coast import Reals
+from kernels.evidence import touch
+from kernels.step.coast import Reals
 
 RNG = np.random.default_rng(23)
 f32x2 = ti.types.vector(2, ti.f32)

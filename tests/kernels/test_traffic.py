@@ -5,8 +5,9 @@ import pytest
 import throughput
 import traffic
 
-from kernels import advance as kernel
-from kernels import batch, coast, runtime
+from kernels.runtime import batch, runtime
+from kernels.step import advance as kernel
+from kernels.step import coast
 
 N = 400
 LEFT = 3  # a status: the particle has left

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from drift.motion.drift import COLUMNS
-from drift.particles import ensemble as record
+from drift.engine.motion.drift import COLUMNS
+from drift.engine.particles import ensemble as record
 from geo import sphere
 from geo.grids.grid import Grid
-from kernels import advance as kernel
-from kernels import prior as draw
-from kernels.noise import key
-from kernels.sample import Tiles
+from kernels.maths.noise import key
+from kernels.step import advance as kernel
+from kernels.step import prior as draw
+from kernels.step.sample import Tiles
 
 EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
 N = 100_000

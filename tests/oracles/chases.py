@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from drift.tracker import path, sweeps
-from drift.tracker.path import Leg, Path
+from drift.tracking.tracker import path, sweeps
+from drift.tracking.tracker.path import Leg, Path
 from geo import sphere
-from kernels.clouds import DETECTED
+from kernels.tracking.clouds import DETECTED
 
 NMI, KNOT, MINUTE, HOUR = 1852.0, 1852 / 3600, 60.0, 3600.0
 LON, LAT = math.radians(-121.0), math.radians(34.0)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from drift.particles.snapshot import Snapshot
+from drift.engine.particles.snapshot import Snapshot
 
 
 def at(time: np.datetime64, lon: Any, lat: Any, probability: Any, status: Any, scenario: Any, **more: Any) -> Snapshot:
@@ -15,7 +15,7 @@ def at(time: np.datetime64, lon: Any, lat: Any, probability: Any, status: Any, s
         lon: longitude [binary angle], int32 (n,).
         lat: latitude, likewise.
         probability: of each particle, sum 1 (n,).
-        status: code of drift.particles.status (n,).
+        status: code of drift.engine.particles.status (n,).
         scenario: number of each one's scenario (n,).
         more: further columns (n,).
     """

@@ -15,7 +15,8 @@ from places import ROOT
 from taichi.lang.argpack import ArgPackType
 from taichi.types import ndarray_type
 
-MODULES = sorted(path.stem for path in (ROOT / "kernels").glob("*.py") if path.stem != "__init__")
+FILES = {path.stem: path for path in (ROOT / "kernels").rglob("*.py") if path.stem != "__init__"}
+MODULES = sorted(FILES)
 
 # Modules that may call Taichi's own functions of angles and its powers: `angles` (float32) and
 # `doubles` (float64) choose what a backend can do, `probe` measures how it does it.
@@ -26,13 +27,18 @@ INTEGERS = {ti.u8, ti.i32, ti.i64}
 Names = dict[str, Any]
 
 
+def _imported(module: str) -> Any:
+    """Return a module of kernels by its name alone."""
+    return importlib.import_module(".".join(FILES[module].relative_to(ROOT).with_suffix("").parts))
+
+
 def functions(module: str) -> Iterator[tuple[ast.FunctionDef, Names]]:
     """Yield each kernel and device function of a module, with the names that it sees.
 
     Those of a function that makes kernels see its arguments too, of which nothing is known here.
     """
-    tree = ast.parse((ROOT / "kernels" / f"{module}.py").read_text(encoding="utf-8"))
-    names = vars(importlib.import_module(f"kernels.{module}"))
+    tree = ast.parse(FILES[module].read_text(encoding="utf-8"))
+    names = vars(_imported(module))
     for node in tree.body:
         given = {one.arg: None for one in node.args.args} if isinstance(node, ast.FunctionDef) else {}
         for inner in ast.walk(node):
@@ -42,7 +48,7 @@ def functions(module: str) -> Iterator[tuple[ast.FunctionDef, Names]]:
 
 def kernels(module: str) -> dict[str, Any]:
     """Return the kernels of a module, by its name and theirs."""
-    own = importlib.import_module(f"kernels.{module}")
+    own = _imported(module)
     mine = {name: each for name, each in vars(own).items() if getattr(each, "_primal", None) is not None}
     return {f"{module}.{name}": each for name, each in mine.items() if each.__module__ == own.__name__}
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import uvicorn
 
-from drift.desk import app, gate, jobs, server
-from drift.output import manifest
+from drift.apps.serve import app, gate, jobs, server
+from drift.products.files import manifest
 
 NASTY = "</script><img src=x onerror=alert(1)>"
 

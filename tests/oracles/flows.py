@@ -8,7 +8,7 @@ import taichi as ti
 from scipy.integrate import solve_ivp
 
 from geo import sphere
-from kernels.velocity import f32x3
+from kernels.step.velocity import f32x3
 
 T = ti.template()
 DEG = np.pi / 180

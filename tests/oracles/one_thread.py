@@ -16,7 +16,7 @@ import json, os, sys, traceback
 sys.path[:0] = sys.argv[1:]
 answers, sys.stdout = os.fdopen(os.dup(1), "w"), sys.stderr
 os.dup2(2, 1)
-from kernels import runtime
+from kernels.runtime import runtime
 runtime.start("cpu", threads=1)
 for line in sys.stdin:
     asked = json.loads(line)

@@ -10,9 +10,9 @@ from scipy import special
 from scipy.stats import qmc
 
 import drift
-from drift.planner import optimiser
-from drift.planner.planning_tracks import Tracks
-from drift.search.records import Law, PlanSpec, Unit
+from drift.evidence.filter.records import Law, PlanSpec, Unit
+from drift.planning.search import optimiser
+from drift.planning.search.planning_tracks import Tracks
 from geo import sphere
 
 NMI, HOUR = 1852.0, 3600.0

@@ -7,11 +7,11 @@ import math
 import clouds
 import numpy as np
 
+from drift.engine.particles.status import Status
+from drift.evidence.filter.records import Contact, Fix, Law, PlanSpec, Sortie, Unit, Watch
+from drift.evidence.filter.updates import Update, Updates
 from drift.forecast import build as forecast_build
-from drift.particles.status import Status
-from drift.planner.records import Alternative, Plan, Tasking
-from drift.search.records import Contact, Fix, Law, PlanSpec, Sortie, Unit, Watch
-from drift.search.updates import Update, Updates
+from drift.planning.search.records import Alternative, Plan, Tasking
 from geo import sphere
 from geo.polyline import Area, Legs
 

@@ -1,4 +1,4 @@
-"""Tables of sensors in closed form, and the netCDF files in which they come. It knows nothing of `drift.sensors`."""
+"""Tables of sensors in closed form, and the netCDF files in which they come. It knows nothing of `drift.evidence.sensors`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

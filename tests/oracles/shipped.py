@@ -3,8 +3,8 @@
 from typing import Any
 
 from drift.case import expect
-from drift.forecast import tables
-from drift.output import formats
+from drift.forecast.products import tables
+from drift.products.files import formats
 
 COMPARED = ("overdue_boat", "norkyst_raft", "overdue_yacht")  # in test_case_oracles.py; test_cases.py runs the others
 

@@ -13,11 +13,11 @@ import pyproj
 import xarray as xr
 from scipy import special
 
-from drift import start
 from drift.case import file as case_file
-from drift.motion import simulate
+from drift.engine.motion import simulate
+from drift.pipeline import run_setup
 from geo.array import Array
-from kernels import runtime
+from kernels.runtime import runtime
 
 GLOBE = pyproj.Geod(a=6_371_008.8, b=6_371_008.8)
 NMI, KNOT, HOUR = 1852.0, 1852.0 / 3600, 3600.0
@@ -281,8 +281,8 @@ def run(
     path.write_text(head + text)
     case = case_file.load(path)
     runtime.start()
-    begun = start.prepare(case, start.open_for(case))
-    search = start.search(case, begun)
+    begun = run_setup.prepare(case, run_setup.open_for(case))
+    search = run_setup.search(case, begun)
     outputs = case.period.seconds(case.outputs)
     moments = list(simulate.run(begun.ensemble, begun.scene, begun.clock, outputs, search=search))
     begun.scene.forcing.close()

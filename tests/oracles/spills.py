@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 
 import drift
-from drift.spill.fates import FOREVER, Adrift, Fates, Stays
+from drift.spills.worlds.fates import FOREVER, Adrift, Fates, Stays
 from geo import sphere
 
 DAY = 86_400
@@ -98,7 +98,7 @@ def scattered(worlds: int, n: list[int], seed: int = 3) -> Fates:
 
 
 class Cut:
-    """Fates in parts, from one number of a world to the next: a drift.spill.fates.Source."""
+    """Fates in parts, from one number of a world to the next: a drift.spills.worlds.fates.Source."""
 
     def __init__(self, fates: Fates, *edges: int) -> None:
         self._fates, self._edges = fates, edges

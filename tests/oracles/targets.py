@@ -6,14 +6,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from drift.motion import itinerary_tables
-from drift.motion.itinerary import Itinerary
-from drift.motion.period import Period
-from drift.particles.status import Status
+from drift.engine.motion.period import Period
+from drift.engine.motion.steering import itinerary_tables
+from drift.engine.motion.steering.itinerary import Itinerary
+from drift.engine.particles.status import Status
 from geo import sphere
 from geo.array import Array
-from kernels import batch, rows, runtime, steer
-from kernels.advance import Domain, Step
+from kernels.runtime import batch, rows, runtime
+from kernels.steering import steer
+from kernels.step.advance import Domain, Step
 
 WORLD = Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
 PERIOD = Period(np.datetime64("2026-03-05T00:00:00"), np.datetime64("2026-03-15T00:00:00"), 1)

@@ -23,8 +23,10 @@ from taichi.lang.matrix import MatrixType
 from taichi.lang.struct import StructType
 from taichi.types.annotations import template
 
-from kernels import advance, bundle, features, glimpse, launch, observe, runtime, sweep, tables, taichi_inside, velocity
-from kernels.dtypes import NUMPY
+from kernels.evidence import glimpse, observe, sweep
+from kernels.runtime import bundle, launch, runtime, tables, taichi_inside
+from kernels.runtime.dtypes import NUMPY
+from kernels.step import advance, features, velocity
 
 EVERYTHING = (1 << 18) - 1
 ROUND_THE_POLE = features.POLAR | features.LAYERS | features.MEMBERS

@@ -4,14 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
-from drift import start
 from drift.case import file as case_file
 from drift.case.record import Case
-from drift.motion import simulate
-from drift.posterior import marginal
-from drift.posterior.records import Posteriors
+from drift.engine.motion import simulate
+from drift.evidence.posterior import marginal
+from drift.evidence.posterior.records import Posteriors
+from drift.pipeline import run_setup
 from geo.array import Array
-from kernels import runtime
+from kernels.runtime import runtime
 
 CALM = """
 start = "2026-03-05T00:00Z"
@@ -101,13 +101,13 @@ def load(
     return case_file.load(folder / "case.toml")
 
 
-def believed(case: Case) -> tuple[Posteriors, start.Start]:
+def believed(case: Case) -> tuple[Posteriors, run_setup.Start]:
     """Run a case without its products; return its posteriors, and its ensemble as it is at the end."""
     runtime.start()
-    begin = start.prepare(case, start.open_for(case))
-    held = start.beliefs(case, begin)
+    begin = run_setup.prepare(case, run_setup.open_for(case))
+    held = run_setup.beliefs(case, begin)
     assert held is not None
-    search = start.search(case, begin, held)
+    search = run_setup.search(case, begin, held)
     list(simulate.run(begin.ensemble, begin.scene, begin.clock, np.array([]), search=search))
     begin.scene.forcing.close()
     assert held.posteriors is not None

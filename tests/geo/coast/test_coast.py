@@ -13,8 +13,8 @@ from geo.box import Box
 from geo.coast import edges, shore
 from geo.coast.shore import Shore
 from geo.errors import UserError
-from kernels import coast as crossing
-from kernels import runtime
+from kernels.runtime import runtime
+from kernels.step import coast as crossing
 
 UNITS = sphere.TURN / 360.0  # binary angle units in a degree
 METRE = 1 / (sphere.RADIUS * sphere.UNIT)  # [unit] northward

@@ -14,8 +14,8 @@ from geo.coast import edges, gshhg, shore
 from geo.errors import UserError
 from geo.grids import fill
 from geo.grids.grid import Grid
-from kernels import coast as crossing
-from kernels import runtime
+from kernels.runtime import runtime
+from kernels.step import coast as crossing
 
 UNITS = sphere.TURN / 360.0  # binary angle units in a degree
 METRE = 1 / (sphere.RADIUS * sphere.UNIT)  # [unit] northward

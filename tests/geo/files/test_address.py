@@ -18,7 +18,7 @@ import pytest
 from pace import Watch
 
 import drift
-from drift.motion import forcing as engine
+from drift.engine.motion import forcing as engine
 from geo import waiting
 from geo.errors import UserError
 from geo.files import address, dataset

@@ -17,7 +17,7 @@ from places import ROOT
 
 import drift
 from drift.case import file as case_file
-from drift.case import sources
+from drift.case.forcing import sources
 from geo.box import Box
 from geo.coast import shore
 from geo.errors import UserError
@@ -231,7 +231,7 @@ def test_every_key_that_names_a_file_goes_through_the_fence() -> None:
         "bridge.py",
         "template.py",
     )  # the last two serve `drift bridge` and `drift new`, which are not served
-    for path in (path for path in (ROOT / "drift" / "case").glob("*.py") if path.name not in others):
+    for path in (path for path in (ROOT / "drift" / "case").rglob("*.py") if path.name not in others):
         text = path.read_text(encoding="utf-8")
         assert not re.search(r"glob\.glob|expanduser|\bopen\(|read_bytes\(|os\.environ", text), path
 

@@ -20,8 +20,8 @@ from pace import Watch
 from pyproj import Geod
 
 import drift
-from drift.cli.commands import main
-from drift.motion import forcing as engine
+from drift.apps.cli.commands import main
+from drift.engine.motion import forcing as engine
 from geo import sphere, waiting
 from geo.errors import UserError
 from geo.files import dataset, decoder, messages
@@ -549,7 +549,7 @@ def test_a_signal_ends_a_wait_for_a_library_that_hangs(name: str, tmp_path: Path
     hanging = f"lambda *_: (os.write(os.open({str(tmp_path / 'held')!r}, os.O_WRONLY), b'asked'), time.sleep(600))"
     start = f"import os, time; from geo.files import decoder; decoder._answer = {hanging}; decoder.serve()"
     code = (
-        "import sys; from drift.cli.commands import main; from geo.files import decoder; "
+        "import sys; from drift.apps.cli.commands import main; from geo.files import decoder; "
         f"decoder.START = {start!r}; sys.exit(main(['info', sys.argv[1]]))"
     )
     held = os.open(tmp_path / "held", os.O_RDONLY | os.O_NONBLOCK)

@@ -13,7 +13,7 @@ from geo.files import fence, landlock
 
 READ = """
 import sys
-from drift.cli import tethered
+from drift.apps.cli import tethered
 if sys.argv[1] == "enclosed":
     tethered.enclose()
 from geo.files import dataset
@@ -56,7 +56,7 @@ def test_no_file_that_a_netcdf_file_names_is_read(inside: Path, monkeypatch: pyt
 
 TRY = """
 import os, subprocess, sys, tempfile
-from drift.cli import tethered
+from drift.apps.cli import tethered
 tethered.enclose()
 def opens(path, how=os.O_RDONLY):
     try:
@@ -91,7 +91,7 @@ def test_what_is_outside_is_closed(inside: Path, monkeypatch: pytest.MonkeyPatch
 WRITE = """
 import os, sys
 from pathlib import Path
-from drift.cli import tethered
+from drift.apps.cli import tethered
 tethered.enclose()
 def fails(act, *given):
     try:
@@ -165,9 +165,9 @@ def test_a_system_without(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> No
 
 CARDS = """
 import sys
-from drift.cli import tethered
+from drift.apps.cli import tethered
 tethered.enclose(cards=True)
-from kernels import drivers
+from kernels.runtime import drivers
 print(drivers.ask("vulkan").devices == (), end=" ")
 try:
     open(sys.argv[1]).read()
@@ -181,7 +181,7 @@ def test_graphics_cards_are_still_listed_and_other_files_are_not_read(
     inside: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where a command may use cards; here the software device of Vulkan stands in for one."""
-    from kernels import drivers
+    from kernels.runtime import drivers
 
     none = drivers.ask("vulkan").devices == ()
     assert done(CARDS, str(inside.parent / "secret.nc"), folder=inside, monkeypatch=monkeypatch) == f"{none} held\n"

@@ -13,7 +13,8 @@ import writers
 import xarray as xr
 
 from geo.errors import UserError
-from geo.forcing import describe, memory, sources
+from geo.forcing import describe, sources
+from geo.forcing.reading import memory
 
 EPOCH = np.datetime64("2024-03-10T00:00:00", "s")
 MEAN = {"cell_methods": "time: mean"}

@@ -14,7 +14,9 @@ import writers
 import xarray as xr
 
 from geo.errors import UserError
-from geo.forcing import epoch, memory, sources
+from geo.forcing import sources
+from geo.forcing.reading import memory
+from geo.forcing.times import epoch
 
 EPOCH = np.datetime64("2024-03-10T00:00:00", "s")
 HOURS = np.arange(6.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from drift.cli.commands import main
+from drift.apps.cli.commands import main
 from geo.errors import UserError
 from geo.forcing import sources
 

@@ -10,7 +10,8 @@ import xarray as xr
 from geo.array import Array
 from geo.box import Box
 from geo.errors import UserError
-from geo.forcing import describe, memory, sources
+from geo.forcing import describe, sources
+from geo.forcing.reading import memory
 
 LON, LAT = np.linspace(4.0, 6.0, 9), np.linspace(59.0, 61.0, 11)
 HOURS = np.arange(0, 10, 3)

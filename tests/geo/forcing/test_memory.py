@@ -16,10 +16,11 @@ import xarray as xr
 from dask.callbacks import Callback
 
 import drift
-from drift import start
-from drift.preview import check
+from drift.apps.check import check
+from drift.pipeline import run_setup
 from geo.errors import UserError
-from geo.forcing import memory, sources
+from geo.forcing import sources
+from geo.forcing.reading import memory
 from geo.forcing.sources import Source
 
 HELD = "roms"
@@ -103,8 +104,8 @@ def test_calendars_and_single_precision_are_read_as_from_the_file(
     path = curved(tmp_path / "roms.nc")
     with xr.open_dataset(path, decode_times=False) as data:
         hours = data.time.values
-        start = cftime.datetime(2026, 11, 21, 12, calendar=calendar)
-        dates = [start + pd.Timedelta(hours=h).to_pytimedelta() for h in hours]
+        run_setup = cftime.datetime(2026, 11, 21, 12, calendar=calendar)
+        dates = [run_setup + pd.Timedelta(hours=h).to_pytimedelta() for h in hours]
         numbers = np.asarray(cftime.date2num(dates, units, calendar)).astype(kind)
         data = data.assign_coords(time=("time", numbers, {"units": units, "calendar": calendar})).load()
     other = tmp_path / "dated.nc"
@@ -265,7 +266,7 @@ def test_the_keys_of_files_belong_to_a_dataset_too(tmp_path: Path) -> None:
         del data[name].attrs["units"], data[name].attrs["standard_name"]
     keys = 'dataset = "roms"\nvariables = { east = "0", north = "1", axes = "grid" }\nunits = "cm/s"\n'
     twice = keys + '[[current]]\nname = "again"\nadd = true\n' + keys + "steady = true\n"
-    found = start.open_for(case_of(tmp_path, twice), {HELD: data})
+    found = run_setup.open_for(case_of(tmp_path, twice), {HELD: data})
     one, two = found.sources
     steady = sources.open_source("current", str(tmp_path / "roms.nc"), box=found.box).read(0)
     assert one.read(0) == pytest.approx(steady / 100, abs=1e-7, nan_ok=True)

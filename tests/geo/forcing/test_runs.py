@@ -12,7 +12,8 @@ import writers
 import xarray as xr
 
 from geo.errors import UserError
-from geo.forcing import memory, sources
+from geo.forcing import sources
+from geo.forcing.reading import memory
 
 EPOCH = np.datetime64("2024-03-10T00:00:00", "s")
 HOUR = np.timedelta64(3600, "s")

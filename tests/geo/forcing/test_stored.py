@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from geo.array import Array
-from geo.forcing.kept import Finished, Shelf
-from geo.forcing.stored import Stored
+from geo.forcing.reading.kept import Finished, Shelf
+from geo.forcing.reading.stored import Stored
 
 VALUES = np.array([[[0.1, -0.0], [np.nan, np.inf], [3e-39, 7.0]]], np.float32)  # a denormal number too
 KEY = ("current", 0.1, 3)
@@ -119,7 +119,7 @@ def test_of_several_processes_one_makes_it(tmp_path: Path) -> None:
     code = f"""
 import os, pathlib, sys, time
 import numpy as np
-from geo.forcing.stored import Stored
+from geo.forcing.reading.stored import Stored
 folder = pathlib.Path({str(tmp_path)!r})
 def make():
     try:

@@ -8,12 +8,12 @@ import pytest
 import xarray as xr
 
 import drift
-from drift.particles.status import Status
-from drift.preview import check
+from drift.apps.check import check
+from drift.engine.particles.status import Status
 from geo import sphere
 from geo.errors import UserError
 from geo.grids.grid import Grid
-from kernels.sample import Tiles
+from kernels.step.sample import Tiles
 
 START = np.datetime64("2026-11-21T18:00:00")
 HOUR = 3600.0

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from geo.forcing import memory, sources
+from geo.forcing import sources
+from geo.forcing.reading import memory
 
 HOURS = np.arange(0.0, 7.0)
 SPOT = (3, 5, 7)  # slice, row and column that hold what is invalid

@@ -12,7 +12,8 @@ from geo import sphere
 from geo.box import Box
 from geo.errors import UserError
 from geo.files import dataset
-from geo.forcing import component, sources
+from geo.forcing import sources
+from geo.forcing.reading import component
 from geo.grids import layout, stagger
 from geo.grids.grid import sample
 

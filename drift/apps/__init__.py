@@ -1,0 +1,1 @@
+"""Commands: one package for each command that is not a run."""

@@ -1,0 +1,138 @@
+"""What the command line gives, as commands take it: cases, quantities, boxes, files; or a refusal in a line."""
+
+import argparse
+import math
+import os
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from geo.errors import UserError
+
+FARTHEST = 20_000_000.0  # [m] no two points of the Earth are farther apart
+
+
+def case(
+    name: str, changes: Sequence[str], seed: int | None, option: str = "--set", along: Collection[str] = ()
+) -> Any:
+    """Return a case file or a shipped case with its changes; along: quantities that it needs no sources of."""
+    from drift.case import file as case_file
+
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise UserError(f"the current folder is not there any more ({error.strerror}); go to one that is") from None
+    overrides = changed(changes, option)
+    if seed is not None:
+        overrides["seed"] = str(seed)
+    return case_file.load(name, overrides, along=along)
+
+
+def changed(changes: Sequence[str], option: str = "--set") -> dict[str, str]:
+    """Return what KEY=VALUE changes, by key."""
+    overrides = {}
+    for change in changes:
+        key, equals, value = change.partition("=")
+        if not key.strip() or not equals:
+            raise UserError(f'{option} "{change}" must be KEY=VALUE, like clock.step=600')
+        overrides[key.strip()] = value
+    return overrides
+
+
+def quantity(text: str, unit: str, option: str, example: str) -> float:
+    """Return what an option says in SI; raise UserError unless it is above zero."""
+    from drift.case.values import units
+
+    try:
+        number = units.quantity(text, unit, "quantity", example)
+    except ValueError as error:
+        raise UserError(f"{option}: {error}") from None
+    if not number > 0:
+        raise UserError(f'{option} "{text}" must be above 0')
+    return number
+
+
+def scale(given: argparse.Namespace) -> dict[str, Any]:
+    """Return how a run is to be cut into shards."""
+    return {"memory": memory(given.memory), "shards": given.shards}
+
+
+def memory(text: str | None) -> float | None:
+    """Return a size of memory [GiB]; None where none is given."""
+    if text is None:
+        return None
+    return quantity(text, "GiB", "--memory", "4 GB")
+
+
+def probable_error(text: str) -> float:
+    """Return the standard deviation [m] in each component of errors of which half are within a radius."""
+    from drift.case.values import units
+
+    try:
+        radius = units.quantity(text, "m", "length", "10 m")
+    except ValueError as error:
+        raise UserError(f'--error: {error}; or write "fit"') from None
+    if not 0 <= radius <= FARTHEST:
+        raise UserError(f'--error "{text}" must be from 0 to {FARTHEST / 1000:,.0f} km, half round the Earth')
+    return radius / math.sqrt(2 * math.log(2))
+
+
+def box(text: str) -> Any:
+    """Return the box of "west,south,east,north" [deg]."""
+    from geo.box import between
+
+    try:
+        west, south, east, north = (float(part) for part in text.split(","))
+    except ValueError:
+        raise UserError(f'--without "{text}" must be west,south,east,north in degrees, like -98,18,-80,31') from None
+    if not (-180 <= west <= 360 and -180 <= east <= 360 and -90 <= south < north <= 90):
+        raise UserError(
+            f'--without "{text}": longitudes are -180 to 360, latitudes -90 to 90, and south is below north; '
+            "the order is west,south,east,north"
+        )
+    try:
+        return between(west, south, east, north)
+    except ValueError as error:
+        raise UserError(f'--without "{text}": {error}') from None
+
+
+def drifters(given: argparse.Namespace) -> dict[str, Any]:
+    """Return how a file of drifters is to be read."""
+    from drift.assess.verify import reading
+
+    return {
+        "columns": reading.mapped(given.columns),
+        "gap": quantity(given.max_gap, "s", "--max-gap", "3 h"),
+        "fastest": quantity(given.max_speed, "m/s", "--max-speed", "3 m/s"),
+        "ends_aground": given.ends_aground,
+    }
+
+
+def along(columns: Mapping[str, str]) -> list[str]:
+    """Return the quantities that columns of a drifters' file give."""
+    return list(dict.fromkeys(key.rpartition("_")[0] for key in columns))
+
+
+def check_file(path: Path, option: str, suffix: str) -> None:
+    """Raise UserError unless a file of a kind can be written to a path."""
+    folder = path.absolute().parent
+    try:
+        there = os.path.lexists(path) and not (path.is_file() and os.access(path, os.W_OK))
+        if path.suffix.lower() != suffix or not folder.is_dir() or len(os.fsencode(path.name)) > 255 or there:
+            raise UserError(f"{option} {str(path)[:300]}: must be a {suffix} file in a folder that exists")
+    except (OSError, ValueError) as error:
+        raise UserError(f"{option} {str(path)[:300]!a}: {error}; name another file") from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise UserError(f"{option} {path}: cannot write in {folder}; name another file")
+
+
+def replace(path: Path, option: str, write: Callable[[Path], object]) -> None:
+    """Write a file beside its place and move it there once it is whole; raise UserError where that is not possible."""
+    half = path.with_name(f".{path.name[:100]}.{os.getpid()}{path.suffix}")
+    try:
+        write(half)
+        os.replace(half, os.path.realpath(path))
+    except OSError as error:
+        raise UserError(f"{option} {path}: cannot be written ({error.strerror}); name another file") from error
+    finally:
+        half.unlink(missing_ok=True)

@@ -1,0 +1,202 @@
+"""Commands that list or describe, and the one that begins a case: cases, new, objects, info."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from drift.apps.cli import cards, terminal
+from drift.apps.cli import given as take
+from drift.apps.cli.answer import Answer
+from drift.products.files import interrupt
+from geo.errors import UserError
+
+
+def cases(given: argparse.Namespace) -> Answer:
+    """List the shipped cases."""
+    from drift.case import file as case_file
+
+    shipped, tracking = case_file.shipped(), case_file.shipped("tracking")
+
+    def show() -> None:
+        table = terminal.table("Name", "Title")
+        for name, title in shipped:
+            table.add_row(name, title)
+        for name, title in tracking:
+            table.add_row(name, f"{title} (tracking)")
+        terminal.show(table)
+
+    told = {"cases": shipped, "tracking_cases": tracking}
+    numbers = {key: [{"name": name, "title": title} for name, title in rows] for key, rows in told.items()}
+    return Answer(numbers=numbers, show=show)
+
+
+def new(given: argparse.Namespace) -> Answer:
+    """Write a commented case to begin with."""
+    from drift.case import template
+
+    path = given.file or Path(f"{given.story}.toml")
+    template.write(given.story, path)
+    return Answer(
+        lines=(f"{path}: {(template.STORIES | template.TRACKED)[given.story]}. Next: drift check {path}",),
+        numbers={"file": path},
+    )
+
+
+NO_SEARCH_OBJECT = "none of the sweep width tables fits; give sweep_width itself"
+
+
+def objects(given: argparse.Namespace) -> Answer:
+    """List leeway classes, or search them."""
+    from drift.engine.motion import everyday, leeway
+
+    words = " ".join(given.words)
+    classes = leeway.search(words)
+    if not classes:
+        raise UserError(
+            f'no leeway class holds "{words}"; see them all: drift objects. What none fits is described in the case: '
+            'object = { windage = "3 %" }, or leeway lines of your own'
+        )
+    names = tuple(leeway.classes())
+    meant = ((word, everyday.meaning(word, names)) for word in everyday.parts(words))
+    notes = [f"{word}: {meaning.note}." for word, meaning in meant if meaning and meaning.note]
+    seen: dict[str, list[str]] = {}
+    for drifter in classes:
+        found = everyday.search_objects(drifter.name)
+        seen.setdefault(found.words if found else NO_SEARCH_OBJECT, []).append(drifter.name)
+
+    def show() -> None:
+        table = terminal.table("Class", "Description")
+        for side in ("Downwind", "Right", "Left"):
+            table.add_column(f"{side}\n% + cm/s ± cm/s", justify="right", no_wrap=True)
+        for drifter in classes:
+            lines = (
+                f"{100 * line.slope:.2f} {100 * line.offset:+6.2f} {100 * line.std:5.2f}"
+                for line in (drifter.down, drifter.right, drifter.left)
+            )
+            table.add_row(drifter.name, "  " * drifter.level + drifter.description, *lines)
+        terminal.show(table)
+        if upwind := [f"{drifter.name} {drifter.lull:.1f}" for drifter in classes if drifter.lull > 0]:
+            told = ", ".join(upwind)
+            terminal.say(f"Mean drift is upwind, as published, in winds below [m/s]: {told} (docs/leeway.md).")
+        for target, own in seen.items():
+            terminal.say(f"search_object of {_listed(own)}: {target}")
+        for note in notes:
+            terminal.say(note)
+        if not words:
+            terminal.say(
+                'Besides: "water" for a pure water drifter, { windage = "3 %" } or lines of your own in the case file.'
+            )
+
+    return Answer(numbers={"objects": [_numbers(drifter) for drifter in classes], "notes": notes}, show=show)
+
+
+def _listed(names: list[str]) -> str:
+    """Return names of one kind in few words: SKIFF-1, -2, -4, SPORT-BOAT."""
+    kinds: dict[str, list[str]] = {}
+    for name in names:
+        kind, _, number = name.rpartition("-")
+        if number[:1].isdigit():
+            kinds.setdefault(f"{kind}-", []).append(number)
+        else:
+            kinds[name] = [""]
+    return ", ".join(kind + ", -".join(numbers) for kind, numbers in kinds.items())
+
+
+def _numbers(drifter: Any) -> dict[str, Any]:
+    """Return a leeway class for programs, in SI."""
+    from drift.engine.motion import everyday
+
+    found = everyday.search_objects(drifter.name)
+    lines = {"downwind": drifter.down, "right": drifter.right, "left": drifter.left}
+    return {
+        "name": drifter.name,
+        "description": drifter.description,
+        "level": drifter.level,
+        "search_objects": list(found.names) if found else [],
+        **{
+            name: {"slope": line.slope, "offset_m_per_s": line.offset, "std_m_per_s": line.std}
+            for name, line in lines.items()
+        },
+    }
+
+
+def info(given: argparse.Namespace) -> Answer:
+    """Say how forcing files were understood, or which graphics cards there are."""
+    if given.backend and (given.files or given.quantity or given.changes or given.plot):
+        raise UserError("--backend lists graphics cards: give no files with it")
+    if given.backend:
+        return cards.listed()
+    if not given.files:
+        raise UserError("give forcing files, or --backend to list graphics cards. See: drift info --help")
+    with interrupt.leaving_at_once():  # nothing is written
+        from geo.forcing import describe
+
+        if given.plot is not None:
+            take.check_file(given.plot, "--plot", ".png")
+        options: dict[str, Any] = {}
+        if given.changes:
+            from drift.case import file as case_file
+            from drift.engine.environment import forcing_spec
+
+            changes = take.changed(given.changes)
+            spec = case_file.source(given.quantity or "current", given.files, changes)
+            options = forcing_spec.options(spec)
+        understood = describe.understand(given.files, given.quantity, **options)
+        told = [describe.describe(source) for source in understood]
+        sketches = [] if given.json else [describe.sketch(source) for source in understood]
+
+    def show() -> None:
+        for lines, sketch in zip(told, sketches, strict=True):
+            terminal.say("\n".join([*lines, *sketch]))
+
+    numbers: dict[str, Any] = {
+        "sources": [
+            {
+                "quantity": source.quantity,
+                "name": source.name,
+                "west_deg": source.grid.box.west,
+                "south_deg": source.grid.box.south,
+                "east_deg": source.grid.box.east,
+                "north_deg": source.grid.box.north,
+                "nlon": source.grid.nlon,
+                "nlat": source.grid.nlat,
+                "dlon_deg": source.grid.dlon,
+                "dlat_deg": source.grid.dlat,
+                "times": source.times,
+                "missing_share": source.missing,
+                "notes": source.notes,
+                "fingerprint": source.fingerprint,
+                "facts": lines,
+            }
+            for source, lines in zip(understood, told, strict=True)
+        ]
+    }
+    if given.plot is None:
+        return Answer(numbers=numbers, show=show)
+    plots = []
+    for source in understood:
+        plot = given.plot
+        if len(understood) > 1:
+            plot = plot.with_name(f"{plot.stem}-{source.quantity}{plot.suffix}")
+        _draw(source, plot)
+        plots.append(plot)
+    lines = tuple(f"Map in {plot}" for plot in plots)
+    return Answer(lines=lines, numbers={**numbers, "plots": plots}, show=show)
+
+
+def _draw(source: Any, path: Path) -> None:
+    from drift.products.maps import field, page
+    from geo import notation
+    from geo.coast import shore
+
+    take.check_file(path, "--plot", ".png")
+    values, grid = source.read(0), source.grid
+    when = f", {notation.group(source.times[0])}" if source.times.size else ""
+    title = f"{source.quantity} {source.name}{when}"
+    land = shore.land("gshhg", grid.box).polygons
+
+    def draw(half: Path) -> None:
+        field.draw_field(half, grid.lon, grid.lat, values[..., 0], values[..., 1], title=title, polygons=land)
+
+    with page.literal():
+        take.replace(path, "--plot", draw)

@@ -1,0 +1,63 @@
+"""A plan's ways as RTZ 1.0 (IEC 61174:2015, annex S) for ECDIS: a route for each unit's task, with its schedule.
+
+Legs are great circles (Orthodrome). The schema of 1.0 writes sheduleElement, and ends below 180 degrees east.
+"""
+
+import re
+from xml.etree import ElementTree as ET
+
+from drift.apps.export import checked
+from drift.apps.export.finished import Finished
+from drift.products.files import gpx, markup
+from geo.errors import UserError
+
+SPACE = "http://www.cirm.org/RTZ/1/0"
+IN = f"{{{gpx.SPACE}}}"
+
+
+def files(run: Finished) -> dict[str, bytes]:
+    """Return plan-A-1.rtz and so on, from the routes of plan.gpx."""
+    if "plan.gpx" not in run.names:
+        raise UserError(f"results {run.folder}: hold no plan, and rtz is for the ways of one; see: drift plan --help")
+    path = run.folder / "plan.gpx"
+    routes = list(checked.xml(path).iter(f"{IN}rte"))
+    for route in routes:
+        points = list(route.iter(f"{IN}rtept"))
+        if not points:
+            raise checked.damaged(path, "a route has no points")
+        for point in points:
+            lon, lat, time = point.get("lon"), point.get("lat"), point.findtext(f"{IN}time")
+            if not (checked.position(lon, lat) and checked.moment(time)):
+                raise checked.damaged(path, f"a point at lon {lon}, lat {lat} and time {time}")
+    return {_name(route): _document(route, run).encode() for route in routes}
+
+
+def _name(route: ET.Element) -> str:
+    area = re.match(r"[A-Z]+-\d+", route.findtext(f"{IN}name", ""))
+    return f"plan-{area[0] if area else route.findtext(f'{IN}number')}.rtz"
+
+
+def _document(route: ET.Element, run: Finished) -> str:
+    root = ET.Element("route", {"xmlns": SPACE, "version": "1.0"})
+    points = list(route.iter(f"{IN}rtept"))
+    times = [point.findtext(f"{IN}time", "") for point in points]
+    about = {
+        "routeName": route.findtext(f"{IN}name", ""),
+        "routeAuthor": f"casp-drift, run {run.run}",
+        "routeStatus": run.forecast.attrs.get("caution", "planned"),
+        "validityPeriodStart": times[0],
+        "validityPeriodStop": times[-1],
+    }
+    ET.SubElement(root, "routeInfo", {key: markup.plain(value) for key, value in about.items()})
+    way = ET.SubElement(root, "waypoints")
+    schedule = ET.SubElement(ET.SubElement(root, "schedules"), "schedule", {"id": "0", "name": "plan"})
+    calculated = ET.SubElement(schedule, "calculated")
+    for number, (point, time) in enumerate(zip(points, times, strict=True), 1):
+        name = markup.plain(point.findtext(f"{IN}name", ""))
+        element = ET.SubElement(way, "waypoint", {"id": str(number), "revision": "0", "name": name})
+        at = markup.position(float(point.attrib["lon"]), float(point.attrib["lat"]))
+        ET.SubElement(element, "position", at)
+        ET.SubElement(element, "leg", {"geometryType": "Orthodrome"})
+        when = "etd" if number == 1 else "eta"
+        ET.SubElement(calculated, "sheduleElement", {"waypointId": str(number), when: time})
+    return markup.text(root)

@@ -1,0 +1,74 @@
+"""A finished result, written for other programs: a folder of files in one format, whole or not there."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from drift.apps.export import bridge, finished, gis, globe, plotter, raster
+from drift.apps.export.finished import Finished, Release
+from drift.products.files import publication, writer
+from geo.errors import UserError
+
+FORMATS: Mapping[str, Callable[[Finished], dict[str, bytes]]] = {
+    "kml": globe.kml_files,
+    "kmz": globe.kmz_files,
+    "gpx": plotter.files,
+    "geojson": gis.files,
+    "geotiff": raster.files,
+    "rtz": bridge.files,
+}
+# Formats of results of `drift origin`.
+OF_RELEASE: Mapping[str, Callable[[Release], dict[str, bytes]]] = {
+    "kml": globe.release_files,
+    "gpx": plotter.release_files,
+    "geojson": gis.release_files,
+}
+
+
+def export(
+    folder: str | os.PathLike[str],
+    format: str,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    times: Sequence[str] = (),
+    overwrite: bool = False,
+) -> list[Path]:
+    """Write a finished run in a format of other programs; return the paths of the files.
+
+    folder: what `run`, `plan` or `origin` wrote, whole (see `results`). format: "kml", "kmz", "gpx", "geojson", "geotiff"
+    or "rtz" (of plans); of an origin "kml", "gpx" or "geojson".
+    out: a folder, by default FOLDER-FORMAT in the current one. times: outputs that are wanted, all by default, such as
+    ["+12 h", "221200ZNOV26"]. Raises UserError, and writes nothing, where that cannot be.
+    """
+    if format not in FORMATS:
+        raise UserError(f'format "{format}" is not known; there are {", ".join(FORMATS)}')
+    folder = Path(folder)
+    target = Path(out) if out is not None else Path(f"{folder.resolve().name}-{format}")
+    publication.check(target, overwrite)
+    run = finished.opened(folder, times)
+    made = _made(run, format)
+    publication.check(target, overwrite, made)
+
+    def fill(place: Path) -> None:
+        for name, contents in made.items():
+            (place / name).write_bytes(contents)
+
+    return writer.whole(target, run.run, fill, overwrite=overwrite)
+
+
+def _made(run: Finished | Release, format: str) -> dict[str, bytes]:
+    """Return the files of a format by name; raise UserError where the result is damaged."""
+    try:
+        if isinstance(run, Finished):
+            return FORMATS[format](run)
+        if format not in OF_RELEASE:
+            raise UserError(
+                f"results {run.folder}: come from drift origin, and {format} is for forecasts; give {', '.join(OF_RELEASE)}"
+            )
+        return OF_RELEASE[format](run)
+    except (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, RecursionError) as error:
+        # Each file is checked when it is read, but two files may still contradict each other.
+        reason = " ".join(str(error).split())[:150] or type(error).__name__
+        raise UserError(
+            f"results {run.folder}: cannot be written as {format} ({reason}); run the case again"
+        ) from error

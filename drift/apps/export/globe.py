@@ -1,0 +1,210 @@
+"""A forecast as KML 2.2 for Google Earth and the like: areas, datum, mean track, search and plan, shown by time.
+
+Areas are told apart by the width of their outline and how full they are, and by name, not by colour alone.
+"""
+
+import io
+import zipfile
+from collections.abc import Iterator, Mapping
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import shapely
+
+from drift.apps.export.finished import Finished, Release
+from drift.products.files import geojson, kml, markup
+from geo import notation
+
+INK = "ff7a2f00"  # aabbggrr: one dark blue, of which the smallest area has most
+FILLS = ("b0", "70", "38", "1c")  # opacity, from the smallest area to the largest; then none
+WIDTHS = ("4", "2.5", "1.5", "1")
+DARK, GREY = "ff202020", "ff707070"
+Place = tuple[str, str, tuple[str, str], str, dict[str, Any]]  # name, description, begin and end, style, geometry
+EMPTY = (1980, 1, 1, 0, 0, 0)  # date in the archive, so that the same run gives the same bytes
+
+
+def kml_files(run: Finished) -> dict[str, bytes]:
+    """Return forecast.kml."""
+    return {"forecast.kml": _document(run).encode()}
+
+
+def kmz_files(run: Finished) -> dict[str, bytes]:
+    """Return forecast.kmz: the same, compressed."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        entry = zipfile.ZipInfo("doc.kml", EMPTY)
+        entry.compress_type = zipfile.ZIP_DEFLATED
+        archive.writestr(entry, _document(run))
+    return {"forecast.kmz": packed.getvalue()}
+
+
+def _document(run: Finished) -> str:
+    root, document = kml.document(run.title, run.words)
+    for k in range(len(run.shares)):
+        full, width = (row[min(k, len(row) - 1)] for row in (FILLS, WIDTHS))
+        kml.style(document, f"area{k}", INK, width, fill=f"{full}{INK[2:]}")
+    kml.style(document, "track", DARK, "2")
+    kml.style(document, "legs", GREY, "1.5")
+    kml.style(document, "field", GREY, "2", fill="00ffffff")
+    days: dict[str, ET.Element] = {}
+    spans = _spans(run.forecast["time"].values)
+    for time, share, geometry, told in run.areas():
+        day = notation.iso(time)[:10]
+        if day not in days:
+            days[day] = kml.folder(document, f"Forecast {day}")
+        name = f"{notation.hundredths(share)} % {notation.group(time)}"
+        words = f"{run.words}. {notation.hundredths(share)} % area of {told['area_nmi2']:,.1f} nmi2"
+        kml.place(days[day], name, words, spans[notation.iso(time)], f"area{run.shares.index(share)}", geometry)
+    _tracks(document, run, spans)
+    _search(document, run)
+    _plan(document, run)
+    for title, places in (("Coast", _coast), ("Patrols", _patrols), ("Finds", _finds)):
+        listed = list(places(run))
+        if listed:
+            folder = kml.folder(document, title)
+        for place in listed:
+            kml.place(folder, *place)
+    return markup.text(root)
+
+
+def release_files(run: Release) -> dict[str, bytes]:
+    """Return origin.kml: where a spill may have been released, its mean, and the finds."""
+    root, document = kml.document(run.title, run.words)
+    kml.style(document, "area0", INK, WIDTHS[0], fill=f"{FILLS[0]}{INK[2:]}")
+    kml.style(document, "area1", INK, WIDTHS[1], fill=f"{FILLS[2]}{INK[2:]}")
+    times = run.data["time"].values
+    span = notation.iso(times.min()), notation.iso(times.max())
+    areas = sorted(
+        (f for f in run.features() if f["properties"]["kind"] == "area"),
+        key=lambda f: -float(f["properties"]["level"] or 0),
+    )
+    folder = kml.folder(document, "Release")
+    for feature in areas:  # the smallest comes last, and lies on top
+        told = feature["properties"]
+        percent = notation.hundredths(float(told["level"] or 0))
+        words = f"{run.words}. {percent} % area of {float(told['area_nmi2'] or 0):,.1f} nmi2"
+        kml.place(
+            folder,
+            f"{percent} % of the release",
+            words,
+            span,
+            f"area{int(feature is not areas[-1])}",
+            feature["geometry"],
+        )
+    for feature in run.features():
+        told = feature["properties"]
+        if told["kind"] != "area":
+            name = (
+                "mean position" if told["kind"] == "mean" else f"find {told.get('number', '')} {told.get('name', '')}"
+            )
+            kml.place(folder, name.strip(), run.words, span, "", feature["geometry"])
+    return {"origin.kml": markup.text(root).encode()}
+
+
+def _spans(times: Any) -> dict[str, tuple[str, str]]:
+    """Return from when to when what holds at each output is shown: until a second before the next output."""
+    ends = [*(times[1:] - np.timedelta64(1, "s")), times[-1]]
+    return {notation.iso(a): (notation.iso(a), notation.iso(b)) for a, b in zip(times, ends, strict=True)}
+
+
+def _tracks(document: ET.Element, run: Finished, spans: Mapping[str, tuple[str, str]]) -> None:
+    """Append the datum and the mean position: a place at each output, and the ways of both."""
+    for name, words in (("datum", "Datum (mean of those adrift)"), ("mean", "Mean position")):
+        points = run.positions(name)
+        if not points:
+            continue
+        folder = kml.folder(document, words)
+        for time, lon, lat in points:
+            told = f"{words} {notation.position(lon, lat)}. {run.words}"
+            title = f"{name} {notation.group(time)}"
+            kml.place(folder, title, told, spans[notation.iso(time)], "", geojson.point(lon, lat))
+        if len(points) > 1:
+            way = geojson.lines([shapely.LineString([(lon, lat) for _, lon, lat in points])])
+            span = notation.iso(points[0][0]), notation.iso(points[-1][0])
+            kml.place(folder, f"{name}, way", run.words, span, "track", way)
+
+
+def _search(document: ET.Element, run: Finished) -> None:
+    """Append a folder for each sortie, look and contact."""
+    folders: dict[str, ET.Element] = {}
+    features = run.search()
+    if features:
+        parent = kml.folder(document, "Search")
+    for feature in features:
+        told = feature["properties"]
+        name = str(told.get("name") or told["kind"])
+        if name not in folders:
+            folders[name] = kml.folder(parent, name)
+        begin = str(told.get("start") or told.get("time") or notation.iso(run.forecast["time"].values[0]))
+        facts = [
+            f"{told['kind']} {name}",
+            *(f"{k.upper()} {notation.percent(float(told[k]))}" for k in ("poc", "pod", "pos") if told.get(k)),
+        ]
+        look = "legs" if told["shape"] == "legs" else "field"
+        span = (begin, str(told.get("end") or begin))
+        kml.place(folders[name], f"{name} {told['shape']}", ", ".join(facts), span, look, feature["geometry"])
+
+
+def _plan(document: ET.Element, run: Finished) -> None:
+    """Append a folder for each unit's task of a plan."""
+    folders: dict[str, ET.Element] = {}
+    features = run.features("plan.geojson")
+    if features:
+        parent = kml.folder(document, "Plan")
+    for feature in features:
+        told = feature["properties"]
+        name = f"{told['area']} {told['unit']}"
+        if name not in folders:
+            folders[name] = kml.folder(parent, name)
+        out = told["shape"] == "transit"
+        span = (told["takeoff"], told["home"]) if out else (told["on_scene"], told["off_scene"])
+        words = f"{name}: on scene {told['on_scene']} to {told['off_scene']}, POS {notation.percent(told['pos'])}"
+        look = {"area": "field", "csp": ""}.get(told["shape"], "legs")
+        kml.place(folders[name], f"{told['area']} {told['shape']}", words, span, look, feature["geometry"])
+
+
+def _coast(run: Finished) -> Iterator[Place]:
+    """Yield the stretches of coast that a spill reaches, by rank, over the whole forecast."""
+    times = run.forecast["time"].values
+    span = notation.iso(times[0]), notation.iso(times[-1])
+    for feature in run.features("washup.geojson"):
+        told = feature["properties"]
+        words = (
+            f"{told['position']}, {told['access']}, {told['length_km']:.1f} km: {told['number_10']:.0f} to {told['number_90']:.0f} objects at the end (10 "
+            f"to 90 %), {told['expected']:.3g} on average, probability of any {notation.percent(told['probability'])}, that any ever comes {notation.percent(told['ever'])}"
+        )
+        name = f"{told['rank']}  {told['name']}"
+        words = f"{told.get('stretch_id') or ''} {words}".strip()
+        yield name, words, span, "track", feature["geometry"]
+
+
+def _patrols(run: Finished) -> Iterator[Place]:
+    """Yield the stretches of each patrol of a plan, from the time of the patrol on."""
+    for feature in run.features("patrols.geojson"):
+        told = feature["properties"]
+        words = (
+            f"{told['patrol_unit']}, {told['time']}: {told['stretch']} ({told['stretch_id']}), {told['length_km']:.1f} km, "
+            f"finds {told['found']:.2g} on average"
+        )
+        name = f"{told['patrol_unit']} {told['stretch_id']}"
+        yield name, words, _from_then_on(run, told["time"]), "legs", feature["geometry"]
+
+
+def _finds(run: Finished) -> Iterator[Place]:
+    """Yield each find of a spill, from its time on."""
+    for row in run.rows("finds.csv"):
+        odd = "ODD, check it: " if row["odd"] == "yes" else ""
+        words = (
+            f"{odd}{row['name']}, {row['position']}, {row['stretch']}, {row['class'] or 'class unknown'}, by {row['by']}; probability of the next find there "
+            f"{notation.percent(float(row['probability_beforehand']))}, at places at most as likely {notation.percent(float(row['tail']))}; not from this spill: "
+            f"{notation.percent(float(row['none_of_ours']))}"
+        )
+        point = geojson.point(float(row["lon_deg"]), float(row["lat_deg"]))
+        name = f"find {row['number']} {row['name']}{' (odd)' if odd else ''}"
+        yield name, words, _from_then_on(run, row["time"]), "", point
+
+
+def _from_then_on(run: Finished, time: str) -> tuple[str, str]:
+    """Return the span from a time to the end of the forecast."""
+    return time, max(time, notation.iso(run.forecast["time"].values[-1]))

@@ -1,0 +1,71 @@
+"""Probability and containment by cell as GeoTIFF: WGS 84, north up, a file for each output and each side of 180 degrees."""
+
+import warnings
+from typing import Any
+
+import numpy as np
+
+from drift.apps.export.finished import Finished
+from geo import notation
+from geo.errors import UserError
+
+BANDS = {
+    "probability": "probability that the object is in the cell, adrift or ashore",
+    "containment": "smallest share of the probability whose area holds the cell",
+}
+
+WASHUP = frozenset({"washup.geojson"})
+
+
+def files(run: Finished) -> dict[str, bytes]:
+    """Return probability-20261122T1800Z.tif and so on: band 1 probability by cell, band 2 containment.
+
+    No data is NaN: containment at times without a map. A grid across the antimeridian is two files, -E and -W of
+    Greenwich, each within [-180, 180] to half a cell. Of a spill washup.geojson, the stretches of coast, comes along.
+    """
+    try:
+        import rasterio  # noqa: F401 (an extra)
+    except ImportError:
+        raise UserError("geotiff needs rasterio: pip install -e '.[geotiff]' where drift lies") from None
+    made, forecast = {}, run.cells()
+    lon, sides = forecast["lon"].values, {}
+    turns = np.floor((lon + 180) / 360).astype(int)
+    for turn in np.unique(turns):
+        suffix = "" if np.ptp(turns) == 0 else ("-E" if turn == turns[0] else "-W")
+        sides[suffix] = (np.flatnonzero(turns == turn), 360.0 * turn)
+    for k, time in enumerate(forecast["time"].values):
+        stamp = notation.iso(time).replace("-", "").replace(":", "")
+        for suffix, (columns, shift) in sides.items():
+            at = forecast.isel(time=k, lon=columns)
+            name = f"probability-{stamp[:13]}{'' if stamp[13:15] == '00' else stamp[13:15]}Z{suffix}.tif"
+            made[name] = _file(run, at, shift)
+    for name in WASHUP & run.names:  # what comes ashore of a spill is lines, which no raster holds
+        run.features(name)  # rejected where it is damaged
+        made[name] = (run.folder / name).read_bytes()
+    return made
+
+
+def _file(run: Finished, at: Any, shift: float) -> bytes:
+    """Return a file of a time; shift: whole turns [deg] by which its longitudes are too far east."""
+    import rasterio
+    from rasterio.io import MemoryFile
+    from rasterio.transform import from_bounds
+
+    nlat, nlon = at["probability"].shape
+    west, east = at["lon_bnds"].values[0, 0] - shift, at["lon_bnds"].values[-1, 1] - shift
+    south, north = at["lat_bnds"].values[0, 0], at["lat_bnds"].values[-1, 1]
+    profile = {
+        "driver": "GTiff", "dtype": "float32", "count": len(BANDS), "width": nlon, "height": nlat,
+        "crs": rasterio.crs.CRS.from_epsg(4326), "transform": from_bounds(west, south, east, north, nlon, nlat),
+        "nodata": np.nan, "compress": "deflate",
+    }  # fmt: skip
+    time = notation.iso(at["time"].values)
+    with MemoryFile() as memory:
+        with warnings.catch_warnings(), memory.open(**profile) as file:
+            for band, (name, words) in enumerate(BANDS.items(), 1):
+                file.write(at[name].values[::-1].astype(np.float32), band)
+                file.set_band_description(band, name)
+                file.update_tags(band, long_name=words, time=time)
+            stamp = time.replace("-", ":").replace("T", " ").rstrip("Z")
+            file.update_tags(title=run.title, run_id=run.run, time=time, comment=run.words, TIFFTAG_DATETIME=stamp)
+        return bytes(memory.read())

@@ -1,0 +1,291 @@
+"""`drift.fetch`: winds and currents for a case, or for a box and a span, from providers into files that a run reads."""
+
+import json
+import os
+import shutil
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from drift.apps.fetch import catalogue, grib_filter, opendap, parts, toolbox
+from drift.apps.fetch.catalogue import Provider
+from drift.apps.fetch.order import Order, Shipment
+from drift.apps.fetch.parts import Report, patiently
+from drift.case import file as case_file
+from drift.case.record import Case
+from drift.case.values import units
+from drift.engine.environment import domain
+from drift.pipeline import run_setup
+from drift.products.files import publication
+from geo.box import Box, between
+from geo.errors import UserError
+from geo.files import address
+from geo.forcing import level, sources
+from geo.forcing.quantity import QUANTITIES
+
+SHIP: dict[str, Callable[[Order], Shipment]] = {
+    "opendap": opendap.ship,
+    "erddap": opendap.ship,
+    "grib_filter": grib_filter.ship,
+    "copernicusmarine": toolbox.ship,
+}
+LARGEST = 200e6  # [bytes] above which a fetch must be agreed to
+TABLES = "forcing.toml"
+USUAL = ("current", "wind")
+STILL = '[{ constant = { speed = "0 kn", toward = 0 } }]'  # in place of what is still to be fetched
+
+
+@dataclass(frozen=True)
+class Fetched:
+    """What was fetched: the files, and the tables that a case takes to read them."""
+
+    files: tuple[Path, ...]
+    tables: str
+
+
+def reach(
+    case: str | os.PathLike[str] | Case, overrides: Mapping[str, str] | None = None
+) -> tuple[Box, np.datetime64, np.datetime64]:
+    """Return the domain and the span of a case, whose winds and currents need not be there yet.
+
+    overrides: as `drift.case.file.load` takes them, for a case that is given by its file.
+    """
+    if not isinstance(case, Case):
+        missing = {name: STILL if name in USUAL else "[]" for name in QUANTITIES}
+        case = case_file.load(case, {**(overrides or {}), **missing})
+    box = domain.bounds(run_setup.ensemble_spec(case), run_setup.environment_spec(case))
+    return box, min(case.start, case.end), max(case.start, case.end)
+
+
+def box_of(text: str) -> Box:
+    """Return the box "west,south,east,north" [deg]; its east may lie beyond 180, or be less than its west."""
+    try:
+        west, south, east, north = (float(word) for word in text.split(","))
+    except ValueError:
+        raise UserError(f'--box "{text}" must be west,south,east,north in degrees, like 4,59,7,61') from None
+    if not (-90 <= south < north <= 90 and -360 <= west <= 540 and -360 <= east <= 540 and west != east):
+        raise UserError(f'--box "{text}": south must be less than north, both in -90 to 90, longitudes in -360 to 540')
+    try:
+        return between(west, south, east, north)
+    except ValueError as error:
+        raise UserError(f'--box "{text}": {error}') from None
+
+
+def orders(
+    box: Box,
+    begin: np.datetime64,
+    end: np.datetime64,
+    *,
+    providers: Sequence[str] = (),
+    quantities: Sequence[str] = (),
+    own: Path | None = None,
+    timeout: float = address.TIMEOUT,
+) -> list[Order]:
+    """Return what to order of whom, for the quantities that are asked for, or those of the providers named."""
+    if begin >= end:
+        raise UserError(f"the span ends ({end}Z) before it begins ({begin}Z): set --from and --to")
+    known = catalogue.read(own)
+    named = [known[name].quantity for name in providers if name in known]
+    wanted = list(dict.fromkeys(quantities or named or USUAL))
+    asked = now()
+    chosen = catalogue.choose(known, wanted, providers, box, begin, end, asked)
+    return [Order(provider, box, begin, end, timeout, asked) for provider in chosen]
+
+
+def now() -> np.datetime64:
+    """Return the time by the clock [s] UTC."""
+    return np.datetime64("now", "s")
+
+
+def ship(ordered: Sequence[Order], tell: Callable[[str], None]) -> list[Shipment]:
+    """Return what orders come to, having asked the providers for the shapes of their datasets."""
+    return [patiently(partial(SHIP[order.provider.protocol], order), tell) for order in ordered]
+
+
+def there(out: Path, shipments: Sequence[Shipment]) -> dict[str, str]:
+    """Return the parts that are there from an interrupted run, digests by key."""
+    folder = parts.place(out, [shipment.order for shipment in shipments])
+    if not folder.is_dir():
+        return {}
+    with parts.kept(folder) as held:
+        return held
+
+
+def carry_out(
+    out: Path,
+    shipments: Sequence[Shipment],
+    *,
+    overwrite: bool = False,
+    report: Report = lambda what, share: None,
+    tell: Callable[[str], None] = lambda line: None,
+) -> Fetched:
+    """Fetch what is not there yet, and publish all files at once, or none."""
+    names = [name for shipment in shipments for name in _names(shipment)]
+    publication.check(out, overwrite, [*names, TABLES])
+    folder = parts.place(out, [shipment.order for shipment in shipments])
+    with parts.kept(folder) as held:
+        parts.fetch(folder, shipments, held, report, tell)
+        tables = _tables(out, shipments)
+        for shipment in shipments:
+            _refuse_unread(shipment, [parts.path(folder, part.key) for part in shipment.parts])
+        with publication.staged(out) as stage:
+            for shipment in shipments:
+                for name, part in zip(_names(shipment), shipment.parts, strict=True):
+                    _place(parts.path(folder, part.key), stage.new / name)
+            (stage.new / TABLES).write_text(tables, encoding="utf-8")
+            files = publication.publish(stage, str(uuid.uuid4()), overwrite)
+        shutil.rmtree(folder, ignore_errors=True)
+    return Fetched(tuple(files), tables)
+
+
+def _refuse_unread(shipment: Shipment, files: list[Path]) -> None:
+    """Raise UserError unless a run can read the files as the quantity that was ordered."""
+    order = shipment.order
+    try:
+        sources.open_source(
+            order.provider.quantity, [str(f) for f in files], variables=_variables(shipment),
+            depth=_depth(order.provider), lenient=True, times=_times(order.provider),
+        )  # fmt: skip
+    except UserError as error:
+        raise UserError(
+            f"{order.provider.name} came whole, but cannot be read as {order.provider.quantity}: {error}"
+        ) from None
+
+
+def _variables(shipment: Shipment) -> dict[str, str] | None:
+    """Return the names of the components for the case's table, where files keep those of the catalogue."""
+    provider = shipment.order.provider
+    if provider.protocol == "grib_filter":  # eccodes' own names
+        return None
+    return dict(zip(("east", "north"), provider.variables, strict=True))
+
+
+def _depth(provider: Provider) -> float | None:
+    """Return the depth [m] that the case must name, as it would not pass for the surface."""
+    deep = provider.quantity != "wind" and provider.level is not None and abs(provider.level) > level.DEEPEST
+    return abs(provider.level) if deep and provider.level is not None else None
+
+
+def _times(provider: Provider) -> dict[str, str] | None:
+    """Return the `times` key of a case for means whose files do not state it; None for slices at an instant."""
+    return {"stamp": provider.stamp} if provider.stamp in ("start", "middle", "end") else None
+
+
+def _place(part: Path, new: Path) -> None:
+    """Put a part where it is published; it stays among the parts until all is done."""
+    try:
+        os.link(part, new)
+    except OSError:
+        shutil.copyfile(part, new)
+
+
+def _names(shipment: Shipment) -> list[str]:
+    provider = shipment.order.provider
+    return [f"{provider.quantity}-{provider.name}-{number:04d}.nc" for number in range(1, len(shipment.parts) + 1)]
+
+
+def _tables(out: Path, shipments: Sequence[Shipment]) -> str:
+    """Return the tables of a case that read the files of a folder."""
+    lines = []
+    for shipment in shipments:
+        provider = shipment.order.provider
+        pattern = (out.absolute() / f"{provider.quantity}-{provider.name}-*.nc").as_posix()
+        lines += [f"# {provider.title}; {provider.license or 'its licence is not known'}", f"[[{provider.quantity}]]"]
+        lines += [f"name = {_text(provider.name)}", f"files = {_text(pattern)}"]
+        if names := _variables(shipment):
+            east, north = (_text(names[side]) for side in ("east", "north"))
+            lines += [f"variables = {{ east = {east}, north = {north} }}"]
+        if (depth := _depth(provider)) is not None:
+            lines += [f'depth = "{depth:g} m"']
+        if times := _times(provider):
+            lines += [f"times = {{ stamp = {_text(times['stamp'])} }}"]
+        lines += [""]
+    return "\n".join(lines)
+
+
+def _text(words: str) -> str:
+    return json.dumps(words, ensure_ascii=False)
+
+
+def fetch(
+    case: str | os.PathLike[str] | Case | None = None,
+    *,
+    box: tuple[float, float, float, float] | None = None,
+    begin: np.datetime64 | str | None = None,
+    end: np.datetime64 | str | None = None,
+    providers: Sequence[str] = (),
+    quantities: Sequence[str] = (),
+    out: str | os.PathLike[str],
+    catalogue: str | os.PathLike[str] | None = None,
+    largest: float = LARGEST,
+    timeout: float = address.TIMEOUT,
+    overwrite: bool = False,
+    report: Report | None = None,
+) -> Fetched:
+    """Fetch winds and currents for a case, or a box and a span, into a folder; an interrupted fetch goes on.
+
+    box: west, south, east, north [deg]; begin, end: in place of the case's; providers: names of the catalogue, by default
+    for each quantity the first that asks for no credentials; quantities: "current" and "wind" unless said; largest
+    [bytes]: more is refused; timeout [s] of each question; report: takes what is being done, and the share that is done.
+    """
+    where, first, last = ordered_span(case, box, begin, end)
+    ordered = orders(
+        where, first, last, providers=providers, quantities=quantities,
+        own=Path(catalogue) if catalogue is not None else None, timeout=timeout,
+    )  # fmt: skip
+    shipments = ship(ordered, lambda line: None)
+    size = sum(shipment.size for shipment in shipments)
+    if size > largest:
+        raise UserError(
+            f"this is about {parts.words(size)}, more than the {parts.words(largest)} that `largest` allows"
+        )
+    return carry_out(Path(out), shipments, overwrite=overwrite, report=report or (lambda what, share: None))
+
+
+def ordered_span(
+    case: str | os.PathLike[str] | Case | None,
+    box: tuple[float, float, float, float] | str | None,
+    begin: np.datetime64 | str | None,
+    end: np.datetime64 | str | None,
+    overrides: Mapping[str, str] | None = None,
+) -> tuple[Box, np.datetime64, np.datetime64]:
+    """Return the box and the span that are asked for: the case's, where they are not said."""
+    said = box is not None and all(map(_absolute, (begin, end)))
+    if case is None and (box is None or begin is None or end is None):
+        raise UserError("name a case, or say all of --box, --from and --to")
+    # A case of which nothing is needed may be half written: it gives the folder its name.
+    where, first, last = reach(case, overrides) if case is not None and not said else (None, None, None)
+    if box is not None:
+        where = box_of(box if isinstance(box, str) else ",".join(str(edge) for edge in box))
+    assert where is not None
+    return where, _moment(begin, first, "--from"), _moment(end, last, "--to")
+
+
+def _absolute(given: np.datetime64 | str | None) -> bool:
+    """Whether a time is one by itself, and not counted from a case's start."""
+    try:
+        return given is not None and not (isinstance(given, str) and isinstance(units.time(given), np.timedelta64))
+    except ValueError:
+        return True
+
+
+def _moment(given: np.datetime64 | str | None, own: np.datetime64 | None, name: str) -> np.datetime64:
+    if given is None:
+        assert own is not None
+        return own
+    if isinstance(given, np.datetime64):
+        instant: np.datetime64 = given.astype("datetime64[s]")
+        return instant
+    try:
+        moment = units.time(given)
+    except ValueError as error:
+        raise UserError(f"{name}: {error}") from None
+    if isinstance(moment, np.timedelta64):
+        if own is None:
+            raise UserError(f'{name} "{given}" is counted from the start of a case: name one, or a date and time')
+        return units.resolve(moment, own)
+    return moment

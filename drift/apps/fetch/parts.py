@@ -1,0 +1,203 @@
+"""Parts of shipments, fetched one after another and kept until all are there, whatever ends the program in between.
+
+They lie in a hidden folder beside the one that is asked for. A part counts once its digest stands in the list there, which
+is replaced in one rename after each part; whatever else lies in the folder is what an interrupted run left, and goes.
+"""
+
+import errno
+import hashlib
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import xarray as xr
+
+from drift.apps.fetch.order import Order, Part, Shipment
+from drift.products.files import hidden, interrupt, manifest
+from geo import waiting
+from geo.errors import UserError
+from geo.files import dataset
+from geo.files.web import Passing
+from geo.forcing.times import clock
+
+PREFIX = ".drift-fetch-"
+LIST = "parts.json"
+ATTEMPTS = 5
+PAUSE = 1.0  # [s] before the second attempt; twice as long before each further one
+PATIENCE = 600.0  # [s] after which no further attempt is made
+SPARE = 1.1  # free space that is asked for, as a multiple of what is to come
+
+T = TypeVar("T")
+Report = Callable[[str, float], None]  # what is being fetched, and the share of all that is there
+
+
+def patiently(attempt: Callable[[], T], tell: Callable[[str], None]) -> T:
+    """Return what an attempt gives, made anew while its failures may pass; bounded in number and time."""
+    until = time.monotonic() + PATIENCE
+    for number in range(1, ATTEMPTS + 1):
+        try:
+            return attempt()
+        except Passing as error:
+            pause = PAUSE * 2 ** (number - 1)
+            if number == ATTEMPTS or time.monotonic() + pause > until:
+                raise UserError(
+                    f"{error}; given up after {number} attempts, the same command goes on from here"
+                ) from None
+            tell(f"{error}; attempt {number + 1} of {ATTEMPTS} in {pause:g} s")
+            _wait(pause)
+    raise AssertionError
+
+
+def _wait(seconds: float) -> None:
+    until = time.monotonic() + seconds
+    while (left := until - time.monotonic()) > 0:
+        interrupt.heed()
+        waiting.heed()
+        time.sleep(min(left, waiting.POLL))
+
+
+def place(out: Path, orders: Sequence[Order]) -> Path:
+    """Return the hidden folder for the parts of some orders: the same for the same orders and folder."""
+    said = [[o.provider.name, o.provider.address, str(o.box), str(o.begin), str(o.end)] for o in orders]
+    key = hashlib.sha256(json.dumps([str(out.absolute()), said]).encode()).hexdigest()[:12]
+    return out.absolute().parent / f"{PREFIX}{key}"
+
+
+@contextmanager
+def kept(folder: Path) -> Iterator[dict[str, str]]:
+    """Give the parts that are there, digests by key, and hold their folder against other runs."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(
+            f"cannot keep parts in {folder.parent}: {error.strerror}; name another folder with --out"
+        ) from None
+    with hidden.alone(folder, 0.0) as free:
+        if not free:
+            raise UserError("another drift fetch is at work on this very order; wait for it, or end it")
+        yield _verified(folder)
+
+
+def _verified(folder: Path) -> dict[str, str]:
+    """Return the parts whose digests are right; all other files go."""
+    listed: dict[str, str] = {}
+    try:
+        read = json.loads((folder / LIST).read_text(encoding="utf-8"))
+        listed = {str(key): str(digest) for key, digest in read.items()}
+    except (OSError, ValueError, AttributeError):
+        pass
+    sound = {k: d for k, d in listed.items() if path(folder, k).is_file() and manifest.digest(path(folder, k)) == d}
+    names = {path(folder, key).name for key in sound} | {LIST}
+    for other in folder.iterdir():
+        if other.name not in names and other.is_file():
+            other.unlink()
+    return sound
+
+
+def path(folder: Path, key: str) -> Path:
+    """Return where a part lies."""
+    return folder / f"{key}.nc"
+
+
+def missing(shipments: Sequence[Shipment], there: dict[str, str]) -> float:
+    """Return how much is still to be fetched [bytes], about."""
+    return sum(part.size for shipment in shipments for part in shipment.parts if part.key not in there)
+
+
+def fetch(
+    folder: Path, shipments: Sequence[Shipment], there: dict[str, str], report: Report, tell: Callable[[str], None]
+) -> None:
+    """Fetch all parts that are not there yet, each noted as soon as it is whole."""
+    parts = [(shipment, part) for shipment in shipments for part in shipment.parts]
+    _refuse_full(folder, missing(shipments, there))
+    for number, (shipment, part) in enumerate(parts):
+        report(shipment.order.provider.name, number / len(parts))
+        if part.key in there:
+            continue
+        try:
+            patiently(partial(_one, folder, shipment.order, part), tell)
+        except OSError as error:
+            if error.errno in (errno.ENOSPC, errno.EDQUOT):
+                raise _full(folder, number, len(parts)) from None
+            raise UserError(f"cannot write into {folder.parent}: {error.strerror or error}") from None
+        except UserError as error:
+            there_now = sum(one.key in there for _, one in parts)
+            raise UserError(f"{error} ({there_now} of {len(parts)} parts are kept)") from None
+        there[part.key] = manifest.digest(path(folder, part.key))
+        _note(folder, there)
+    report("done", 1.0)
+
+
+def _one(folder: Path, order: Order, part: Part) -> None:
+    """Fetch a part; it gets its name once it was read back and holds what it must."""
+    draft = folder / f"{part.key}.draft.nc"
+    draft.unlink(missing_ok=True)
+    try:
+        part.make(draft)
+        _check(draft, order, part)
+    except (RuntimeError, OSError) as error:  # the netCDF library tells a full disk in words of its own
+        if shutil.disk_usage(folder).free < part.size:
+            raise OSError(errno.ENOSPC, "disk full") from None
+        if isinstance(error, OSError) and error.errno is not None and error.errno > 0:
+            raise
+        raise Passing(f"a part of {order.provider.name} could not be written or read back ({error})") from None
+    os.replace(draft, path(folder, part.key))
+
+
+def _check(draft: Path, order: Order, part: Part) -> None:
+    """Raise Passing unless a file opens and holds both components at the times that were asked for."""
+    name = order.provider.name
+    try:
+        with dataset.open_one(str(draft), order.provider.quantity) as data:
+            fields = [variable for variable in data.data_vars.values() if variable.ndim >= 2]
+            time = next(
+                (n for n, v in data.variables.items() if " since " in str(v.attrs.get("units", "")) and v.ndim < 2),
+                None,
+            )
+            if time is None or len(fields) < 2:
+                raise Passing(f"a part of {name} came without its times or components")
+            there, _ = clock.decode(xr.Dataset({time: data[time].variable}), str(time))
+            if part.times is not None and not np.array_equal(np.atleast_1d(there), part.times):
+                raise Passing(f"a part of {name} came with other times than were asked for")
+            for variable in fields:  # read whole: what was cut short shows here
+                variable.values  # noqa: B018
+    except UserError as error:
+        raise Passing(f"a part of {name} is not whole ({error})") from None
+
+
+def _note(folder: Path, there: dict[str, str]) -> None:
+    draft = folder / f"{LIST}.draft"
+    draft.write_text(json.dumps(there), encoding="utf-8")
+    os.replace(draft, folder / LIST)
+
+
+def _refuse_full(folder: Path, size: float) -> None:
+    free = shutil.disk_usage(folder).free
+    if size * SPARE > free:
+        raise UserError(
+            f"{folder.parent} has {words(free)} free, and {words(size)} are to come: free some, or name another folder "
+            "with --out"
+        )
+
+
+def _full(folder: Path, done: int, of: int) -> UserError:
+    return UserError(
+        f"disk full: {folder.parent} has no room for more; {done} of {of} parts are kept, and the same command goes on "
+        "from there"
+    )
+
+
+def words(size: float) -> str:
+    """Return a size as people read it."""
+    for unit in ("bytes", "kB", "MB"):
+        if size < 1000:
+            return f"{size:.0f} {unit}" if unit == "bytes" else f"{size:.1f} {unit}"
+        size /= 1000
+    return f"{size:.1f} GB"

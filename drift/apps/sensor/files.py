@@ -1,0 +1,80 @@
+"""Where a sensor hears, as files: a grid and a table."""
+
+import math
+
+import numpy as np
+import xarray as xr
+
+from drift.apps.sensor.records import Reach
+from drift.products.files import formats
+from drift.products.files.chapter import Stamped
+from geo import notation
+from geo.notation import NMI
+
+EVERY = 10  # [deg] between bearings of the table
+ROWS = 100  # ranges of the table on a bearing, at most
+STEPS = tuple(m * 10.0**e for e in range(-2, 4) for m in (1, 2, 5))  # [nmi] between them
+
+
+def grid(found: Reach, stamped: Stamped) -> xr.Dataset:
+    """Return signal excess and probability of detection over longitude and latitude."""
+    asked = found.question
+    data: dict[str, object] = {
+        "pod": (
+            ("lat", "lon"),
+            found.cells.pod.astype(np.float32),
+            {
+                "long_name": "probability that a look of the sensor detects a target",
+                "units": "1",
+                "valid_range": np.array([0, 1], np.float32),
+                "comment": "land is passed over; of a sonar Phi(signal excess / fluctuation), averaged over its unknown",
+            },
+        )
+    }
+    if found.cells.excess is not None:
+        data["signal_excess"] = (
+            ("lat", "lon"),
+            found.cells.excess.astype(np.float32),
+            {
+                "long_name": "signal excess",
+                "units": "dB",
+                "comment": "source level - loss - (noise - gain) - threshold; missing where nothing is heard, for it is too far",
+            },
+        )
+    coords: dict[str, object] = {
+        "lat": ("lat", found.lat, {"standard_name": "latitude", "units": "degrees_north", "axis": "Y"}),
+        "lon": ("lon", found.lon, {"standard_name": "longitude", "units": "degrees_east", "axis": "X"}),
+        "time": (
+            (),
+            asked.time.astype("datetime64[ns]"),
+            {"standard_name": "time", "long_name": "time of the look", "axis": "T"},
+        ),
+    }
+    told: dict[str, object] = {
+        "summary": f'Where the sensor "{asked.sensor.name}" would detect a target by one look.',
+        "sensor": asked.sensor.name,
+        "sensor_lon": asked.place[0],
+        "sensor_lat": asked.place[1],
+        "assumed": "; ".join(f"{name}: {words}" for name, words in asked.assumed),
+    }
+    if asked.sonar is not None:
+        told |= {"source_level_db": asked.level, "fluctuation_db": asked.sonar.fluctuation}
+        told |= {"heading_deg": math.degrees(asked.heading)} if asked.has_array else {}
+        told |= {"beams": ", ".join(str(beam + 1) for beam in asked.beams) or "all"}
+    return xr.Dataset(data, coords, told)
+
+
+def table(found: Reach, stamped: Stamped) -> str:
+    """Return signal excess and probability of detection by bearing and range, as CSV."""
+    step = next((step for step in STEPS if found.extent / NMI / step <= ROWS), STEPS[-1])
+    far = np.arange(1, math.floor(found.extent / NMI / step + 1e-9) + 1) * step
+    rows = []
+    for bearing in range(0, len(found.bearing), EVERY):
+        pod = np.interp(far * NMI, found.range, found.around.pod[bearing])
+        excess = None if found.around.excess is None else found.around.excess[bearing]
+        over = np.full(far.shape, np.nan) if excess is None else np.interp(far * NMI, found.range, excess)
+        for metres, db, chance in zip(far, over, pod, strict=True):
+            rows.append([bearing, f"{metres:.10g}", f"{db:.2f}" if math.isfinite(db) else "", f"{chance:.4f}"])
+    head = ["bearing_deg", "range_nmi", "signal_excess_db", "pod", "sensor", "time", "run_id"]
+    same = [found.question.sensor.name, notation.iso(found.question.time), stamped["run_id"]]
+    return formats.csv_text(head, [[*row, *same] for row in rows])

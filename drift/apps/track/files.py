@@ -1,0 +1,174 @@
+"""A contact that was lost, as tables, plotters' files and numbers."""
+
+import xml.etree.ElementTree as ET
+from typing import Any
+
+import numpy as np
+
+from drift.apps.track import text
+from drift.apps.track.record import Chased, Failed, Regained
+from drift.products.files import formats, geojson, markup
+from drift.products.files import gpx as gpx_file
+from drift.products.files.chapter import Stamped
+from drift.tracking.tracker import holding, path
+from drift.tracking.tracker.holding import Shown
+from geo import notation, sphere
+from geo.notation import KNOT, NMI
+
+
+def _percent(share: float) -> str:
+    return "" if np.isnan(share) else f"{100 * share:.1f}"
+
+
+def path_table(found: Regained) -> str:
+    """Return the path as CSV, a line for each look, with the shares of the cloud and of another one that were within reach by then."""
+    chased = found.chased
+    assert isinstance(chased, Chased)
+    way = chased.found.path
+    lon, lat = path.degrees(way.place)
+    course = np.degrees(path.course(way.place[:-1], way.way)) % 360
+    speed = way.rate * sphere.RADIUS / KNOT
+    header = [
+        "time",
+        "lat",
+        "lon",
+        "course_deg",
+        "speed_kn",
+        "within_reach_percent",
+        "of_another_cloud_percent",
+        "planned",
+    ]
+    rows: list[list[Any]] = []
+    for k, time in enumerate(way.time):
+        last = k == len(speed)
+        rows.append([
+            notation.iso(text.moment(found, time)), f"{lat[k]:.4f}", f"{lon[k]:.4f}",
+            "" if last or speed[k] < 0.05 else f"{round(float(course[k])) % 360:03d}", "" if last else f"{speed[k]:.1f}",
+            *(_percent(share[min(k, len(share) - 1)]) for share in (chased.found.met, chased.judged)),
+            "yes" if k in chased.found.plans else "no",
+        ])  # fmt: skip
+    return formats.csv_text(header, rows)
+
+
+def path_gpx(found: Regained, run: str) -> str:
+    """Return the path as a GPX route with a point for each look."""
+    chased = found.chased
+    assert isinstance(chased, Chased)
+    root = gpx_file.document(found.held.study.title, f"Path through the cloud; run {run}")
+    way = ET.SubElement(root, "rte")
+    markup.leaf(way, "name", "pursuit")
+    lon, lat = path.degrees(chased.found.path.place)
+    for k, time in enumerate(chased.found.path.time):
+        when = text.moment(found, time)
+        gpx_file.point(way, "rtept", float(lon[k]), float(lat[k]), time=when, name=notation.group(when))
+    return markup.text(root)
+
+
+def table(found: Regained) -> str:
+    """Return the track as CSV."""
+    held = found.held
+    sized = [f"area_{notation.hundredths(share)}_nmi2" for share in holding.SHARES]
+    header = [
+        "time", "detection", "left_percent", "lat", "lon", "course_deg", "course_spread_deg", "speed_kn", "speed_std_kn",
+        "particles", "within_percent", *sized,
+    ]  # fmt: skip
+    lon, lat = path.degrees(held.place)
+    rows: list[list[Any]] = []
+    for k, regions in enumerate(held.areas):
+        numbers = [
+            lat[k], lon[k], np.degrees(held.course[k]) % 360, np.degrees(held.off[k]), held.speed[k] / KNOT, held.slower[k] / KNOT,
+        ]  # fmt: skip
+        inside = "none" if np.isnan(held.within[k]) else notation.hundredths(held.within[k])
+        rows.append([
+            notation.iso(text.moment(found, held.time[k])), "yes" if held.detected[k] else "no",
+            _percent(held.left[k] if held.detected[k] else np.nan),
+            *(f"{v:.{d}f}" if regions else "" for v, d in zip(numbers, (4, 4, 1, 1, 1, 1), strict=True)),
+            int(held.count[k]) if regions else 0, inside if regions else "",
+            *(f"{regions[share].area / NMI**2:.4g}" if regions else "" for share in holding.SHARES),
+        ])  # fmt: skip
+    return formats.csv_text(header, rows)
+
+
+def gpx(found: Regained, run: str) -> str:
+    """Return the estimate as a GPX track, and the estimates shown as waypoints.
+
+    A segment is a time over which it was held and lay in its areas: a mean of a ring is no place to steer for.
+    """
+    held = found.held
+    root = gpx_file.document(held.study.title, f"Estimated track; run {run}")
+    lon, lat = path.degrees(held.place)
+    good = np.isfinite(held.within)
+    for one in held.shown:
+        k = held.row(one.time)
+        if good[k]:
+            when = text.moment(found, one.time)
+            gpx_file.point(root, "wpt", float(lon[k]), float(lat[k]), time=when, name=notation.group(when))
+    track = ET.SubElement(root, "trk")
+    markup.leaf(track, "name", "estimated track")
+    for some in np.split(np.arange(len(good)), np.flatnonzero(np.diff(good)) + 1):
+        if good[some[0]]:
+            times = [text.moment(found, held.time[k]) for k in some]
+            gpx_file.segments(track, lon[some].tolist(), lat[some].tolist(), times)
+    return markup.text(root)
+
+
+def areas(found: Regained, attributes: Stamped) -> dict[str, Any]:
+    """Return the areas at the times shown as GeoJSON, cut at the antimeridian."""
+    features = []
+    for one in found.held.shown:
+        when = text.moment(found, one.time)
+        for share, region in found.held.areas[found.held.row(one.time)].items():
+            properties = {
+                "name": f"{notation.hundredths(share)} % area {notation.group(when)}", "time": notation.iso(when),
+                "probability": share, "area_nmi2": float(f"{region.area / NMI**2:.4g}"), "area_km2": float(f"{region.area / 1e6:.4g}"),
+            }  # fmt: skip
+            features.append(geojson.feature(geojson.polygons(region.outline), properties))
+    return geojson.collection(features, attributes)
+
+
+def numbers(found: Regained) -> dict[str, Any]:
+    """Return the track at the times shown, for programs."""
+    held = found.held
+    told = [_numbers(found, one) for one in held.shown]
+    lost = [
+        {"time": notation.iso(text.moment(found, loss.time)), "sensors": [sensor.name for sensor in loss.sensors]}
+        for loss in held.lost
+    ]
+    anew = [
+        {"time": notation.iso(text.moment(found, float(time))), "left": float(left)}
+        for time, left in zip(held.time[held.anew], held.left[held.anew], strict=True)
+    ]
+    return {"title": held.study.title, "shown": told, "lost": lost, "drawn_anew": anew, **_path_numbers(found.chased)}
+
+
+def _numbers(found: Regained, one: Shown) -> dict[str, Any]:
+    held, cloud, k = found.held, one.cloud, found.held.row(one.time)
+    told = {
+        "time": notation.iso(text.moment(found, one.time)),
+        "held": cloud is not None,
+        "others_holding": one.holding,
+    }
+    if cloud is None:
+        return told
+    lon, lat = path.degrees(held.place[k])
+    return {
+        **told, "lat": float(lat), "lon": float(lon), "within": float(held.within[k]),
+        "course_deg": float(np.degrees(held.course[k]) % 360), "speed_kn": float(held.speed[k] / KNOT),
+        "particles": int(held.count[k]), "course_spread_deg": float(np.degrees(held.off[k])), "speed_std_kn": float(held.slower[k] / KNOT),
+        "area_nmi2": {notation.hundredths(share): region.area / NMI**2 for share, region in held.areas[k].items()},
+        "other_clouds_within": {notation.hundredths(share): value for share, value in one.within.items()},
+        "areas_of_clouds_nmi2": {notation.hundredths(share): [v / NMI**2 for v in size] for share, size in one.sizes.items()},
+    }  # fmt: skip
+
+
+def _path_numbers(chased: Chased | Failed | None) -> dict[str, Any]:
+    if chased is None:
+        return {}
+    if isinstance(chased, Failed):
+        return {"path": {"found": False, "why": chased.why}}
+    return {
+        "path": {
+            "found": True, "within_reach": chased.found.met[-1], "of_another_cloud": chased.judged[-1],
+            "could_be_within_reach": chased.found.near, "plans": len(chased.found.plans),
+        }
+    }  # fmt: skip

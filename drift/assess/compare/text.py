@@ -1,0 +1,145 @@
+"""What differs between two cases, in words and as a table."""
+
+from typing import Any
+
+from drift.assess.compare.figures import SHIFT
+from drift.assess.compare.record import Contrast
+from drift.assess.compare.units import Difference
+from drift.products.files import formats
+from geo import notation
+from geo.notation import NMI
+
+HEADER = [
+    "time_utc",
+    "quantity",
+    "name",
+    "unit",
+    "a",
+    "b",
+    "difference",
+    "standard_error",
+    "given_a",
+    "given_b",
+    "run_id",
+]
+OUR_GRID = (
+    "output.grid: its cells are too coarse"  # a grid that holds both clouds is of our making: nothing for a terminal
+)
+WORST = 10  # stretches that are listed in words
+
+
+def table(found: Contrast, run: str) -> str:
+    """Return every figure as CSV, in SI; run: its run_id, in the last column."""
+    rows = [
+        [notation.iso(row.time), row.quantity, row.name, row.unit, *map(_cell, (row.a, row.b, row.difference, row.error)), *found.given, run]
+        for row in found.rows
+    ]  # fmt: skip
+    return formats.csv_text(HEADER, rows)
+
+
+def _cell(value: float) -> str:
+    return f"{value:.9g}" if value == value else ""
+
+
+def numbers(found: Contrast) -> dict[str, Any]:
+    """Return the figures for the summary, in SI."""
+    return {
+        "step_s": found.step,
+        "notes": list(found.notes),
+        "given": dict(zip("ab", found.given, strict=True)),
+        "differences": [
+            {
+                "time": row.time, "quantity": row.quantity, "name": row.name, "unit": row.unit,
+                "a": row.a, "b": row.b, "difference": row.difference, "standard_error": row.error,
+            }
+            for row in found.rows
+        ],
+    }  # fmt: skip
+
+
+def facts(found: Contrast) -> dict[str, str]:
+    """Return what differs at the last output of both, and of the run as a whole, a line each."""
+    last = found.times[-1]
+    told = {
+        "A": found.names[0],
+        "B": found.names[1],
+        **({"given": words_given(found)} if set(found.given) != {"nothing"} else {}),
+        "time": notation.group(last),
+        "mean of B from that of A": _shift(found),
+    }
+    for row in found.rows:
+        if row.time == last and row.quantity not in SHIFT and (row.a or row.b) and row not in found.of_run:
+            told[_called(row)] = words(row)
+    stretches = 0
+    for row in found.of_run:
+        stretches += row.quantity == "ashore"
+        if stretches <= WORST + 1:  # all of them together come first
+            told[_called(row)] = words(row)
+    told["errors"] = "standard errors of the differences, of chance alone, on common random numbers"
+    told |= {f"note {k}": note for k, note in enumerate(found.notes, 1)}
+    return told | {
+        f"warning {k}, {name}": words
+        for name, result in (("A", found.a), ("B", found.b))
+        for k, words in enumerate((w for w in result.summary["warnings"] if not w.startswith(OUR_GRID)), 1)
+    }
+
+
+def words_given(found: Contrast) -> str:
+    """Return in words what the figures of both cases are given, and of spills how to compare them without it."""
+    a, b = found.given
+    each = f"A and B are each weighed by {a}" if a == b else f"A is weighed by {a}, B by {b}"
+    if found.a.case.spill is None:
+        return each
+    free = "--set find='[]' --set patrol='[]'"
+    return f"{each}: what differs is what each case makes of them, too; to compare before any find: {free}"
+
+
+def _called(row: Difference) -> str:
+    if row.quantity in ("status", "scenario"):
+        return f'scenario "{row.name}"' if row.quantity == "scenario" else row.name.replace("_", " ")
+    if row.quantity == "area":
+        return f"{row.name} area"
+    return row.quantity if row.name == "all" else f"{row.quantity}, {row.name}"
+
+
+def words(row: Difference) -> str:
+    """Return a difference in words: A, B, B - A and its standard error."""
+    scale, decimals, unit, sign = {
+        "1": (100.0, 1, "%", " points"), "m2": (1 / NMI**2, 1, "nmi2", ""), "objects": (1.0, 1, "objects", ""),
+    }[row.unit]  # fmt: skip
+    a, b, difference, error = (scale * value for value in (row.a, row.b, row.difference, row.error))
+    if a != a or b != b:
+        return "none in one of them"
+    own = f"{a:,.{decimals}f} -> {b:,.{decimals}f} {unit}"
+    return f"{own}, {difference:+,.{decimals}f} +- {error:,.{decimals + 1}f}{sign}"
+
+
+def _shift(found: Contrast) -> str:
+    rows = {row.quantity: row for row in found.rows if row.time == found.times[-1] and row.quantity in SHIFT}
+    east, north = (rows[name] for name in SHIFT)
+    if east.difference != east.difference:
+        return "none: nothing is on the map in one of them"
+    return (
+        f"{east.difference / NMI:+.2f} +- {east.error / NMI:.2f} nmi east, "
+        f"{north.difference / NMI:+.2f} +- {north.error / NMI:.2f} nmi north"
+    )
+
+
+def page(found: Contrast) -> str:
+    """Return all that differs as a page of text."""
+    lines = [found.title, ""]
+    told = facts(found)
+    wide = max(map(len, told))
+    lines += [f"{name:<{wide}}  {fact}" for name, fact in told.items()]
+    lines += ["", "By time: mean of B from that of A [nmi], and areas [nmi2]", ""]
+    for time in found.times:
+        east, north = (row for name in SHIFT for row in found.at(time, name))
+        shift = (
+            "nothing on the map in one of them"
+            if east.difference != east.difference
+            else f"{east.difference / NMI:+.2f} +- {east.error / NMI:.2f} east, "
+            f"{north.difference / NMI:+.2f} +- {north.error / NMI:.2f} north"
+        )
+        areas = "; ".join(f"{row.name} {words(row)}" for row in found.at(time, "area"))
+        lines.append(f"{notation.group(time)}  {shift}; {areas}")
+    return "\n".join(lines) + "\n"

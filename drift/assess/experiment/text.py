@@ -1,0 +1,159 @@
+"""What an experiment came to, in words and tables."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from drift.assess.experiment.record import Experiment
+from drift.products.files import formats
+from drift.tracking.tracker.figures import QUANTILES, Figure
+from drift.tracking.tracker.study import HELD, MET
+
+
+def alike(found: Experiment, curves: bool = False) -> list[list[int]]:
+    """Return the ways of following by their numbers, those together of which no figure differs by a bit.
+
+    curves: nor anything at any time.
+    """
+    groups: dict[bytes, list[int]] = {}
+    for k in range(len(found.ways)):
+        key = b"".join(figure.values[k].tobytes() for figure in found.figures)
+        if curves and found.tracking is not None:
+            key += b"".join(curve.values[k].tobytes() for curve in found.tracking.curves)
+        groups.setdefault(key, []).append(k)
+    return list(groups.values())
+
+
+def called(found: Experiment, group: list[int]) -> str:
+    """Return what ways of following that came to the same are called."""
+    return "; ".join(found.ways[k] for k in group)
+
+
+def facts(found: Experiment) -> Mapping[str, str]:
+    """Return a line for each way of following, those that came to the same in one; in brackets what it differs from the first, run by run."""
+    told = {}
+    for group in alike(found):
+        parts = []
+        for figure in found.figures:
+            mean, error, missing = (row[group[0]] for row in (figure.mean(), figure.error(), figure.missing()))
+            if figure.name == HELD and mean == 100.0:
+                continue
+            words = " ".join([figure.name, *_told(mean, error), figure.unit]).rstrip()
+            if apart := difference(figure, group[0]):
+                words += f" ({apart})"
+            if figure.name == MET:  # a few runs that take long make its mean, and one that never does has none
+                middle = figure.quantiles()[group[0], QUANTILES.index(0.5)]
+                median = f"median {middle:.3g} {figure.unit}" if np.isfinite(middle) else "median never"
+                words = f"{words}, {median}" if np.isfinite(mean) else f"{figure.name} {median}"
+                parts.append(words + f" (never in {missing} of {found.runs} runs)" * bool(missing))
+                continue
+            parts.append(words + f" (none in {missing} runs)" * bool(missing))
+        told[called(found, group)] = "; ".join(parts)
+    if len(told) > 1:
+        told["in brackets"] = "the difference from the first, run by run"
+    return told
+
+
+def difference(figure: Figure, way: int) -> str:
+    """Return what a figure of a way differs from that of the first, run by run; nothing of the first itself, and where it is unknown."""
+    mean, error = (row[way] for row in figure.difference())
+    if way == 0 or not np.isfinite(mean):
+        return ""
+    rounding = 1e-12 * np.abs(figure.values[[0, way]]).max(initial=0.0, where=np.isfinite(figure.values[[0, way]]))
+    return "+0" if abs(mean) <= rounding else " ".join(_told(mean, error, sign=True))
+
+
+def _told(mean: float, error: float, sign: bool = False) -> tuple[str, ...]:
+    """Return a mean with its standard error, to two digits of that; sign: of a difference."""
+    plus = "+" if sign else ""
+    if not np.isfinite(mean):
+        return ("none",)
+    if not np.isfinite(error) or error <= 1e-9 * abs(mean):  # all runs alike, but for rounding
+        return (f"{mean:{plus}.4g}",)
+    digits = max(1 - math.floor(math.log10(error)), 0)
+    return f"{mean:{plus},.{digits}f}", "+-", f"{error:,.{digits}f}"
+
+
+def published(found: Experiment, way: int, name: str) -> float | None:
+    """Return the figure that was published of a way of following, None where there is none."""
+    return found.published.get(found.ways[way], {}).get(name)
+
+
+def table(found: Experiment) -> str:
+    """Return the figures of each way of following, with what was published beside them."""
+    header = ["way", "figure", "unit", "runs", "mean", "standard_error"]
+    header += [f"quantile_{100 * share:.0f}" for share in QUANTILES] + [
+        "runs_without",
+        "difference",
+        "difference_standard_error",
+        "published",
+        "published_median",
+    ]
+    rows = []
+    for way, name in enumerate(found.ways):
+        for figure in found.figures:
+            rows.append([
+                name, figure.name, figure.unit, found.runs, _cell(figure.mean()[way]), _cell(figure.error()[way]),
+                *(_endless(value) for value in figure.quantiles()[way]), int(figure.missing()[way]), *(_cell(value[way]) for value in figure.difference()),
+                published(found, way, figure.name), published(found, way, f"median {figure.name}"),
+            ])  # fmt: skip
+    return formats.csv_text(header, rows)
+
+
+def runs(found: Experiment) -> str:
+    """Return the figures of each run."""
+    header = [
+        "way",
+        "run",
+        *(f"{figure.name} [{figure.unit}]".removesuffix(" []").replace(" ", "_") for figure in found.figures),
+    ]
+    rows = [
+        [name, run + 1, *(_endless(figure.values[way, run]) for figure in found.figures)]
+        for way, name in enumerate(found.ways)
+        for run in range(found.runs)
+    ]
+    return formats.csv_text(header, rows)
+
+
+def times(found: Experiment) -> str:
+    """Return mean and standard error of each error at each time, and of how often areas hold the target."""
+    tracking = found.tracking
+    assert tracking is not None
+    header = ["way", "minutes"]
+    for curve in tracking.curves:
+        words, unit = curve.name.replace(" % ", "_percent_").replace(" ", "_"), curve.unit.replace("%", "percent")
+        header += [f"{words}_{unit}", f"{words.removesuffix('_error')}_standard_error_{unit}"]
+    means = [curve.mean() for curve in tracking.curves]
+    rows = []
+    for way, name in enumerate(found.ways):
+        for k, time in enumerate(tracking.time):
+            rows.append([name, time / 60, *(_cell(values[way, k]) for both in means for values in both)])
+    return formats.csv_text(header, rows)
+
+
+def _endless(value: float) -> float | None:
+    """Return a value of a table, inf of what came to no end."""
+    return float("inf") if np.isposinf(value) else _cell(value)
+
+
+def _cell(value: float) -> float | None:
+    return float(f"{value:.6g}") if np.isfinite(value) else None
+
+
+def numbers(found: Experiment) -> dict[str, Any]:
+    """Return the same for programs."""
+    return {
+        "runs": found.runs, "seed": found.seed, "about": found.about,
+        "figures": [
+            {
+                "way": name, "figure": figure.name, "unit": figure.unit, "mean": _cell(figure.mean()[way]),
+                "standard_error": _cell(figure.error()[way]), "runs_without": int(figure.missing()[way]),
+                **{key: _cell(value[way]) for key, value in zip(("difference", "difference_standard_error"), figure.difference(), strict=True)},
+                "quantiles": {f"{share:g}": _cell(value) for share, value in zip(QUANTILES, figure.quantiles()[way], strict=True)},
+                "published": published(found, way, figure.name), "published_median": published(found, way, f"median {figure.name}"),
+            }
+            for way, name in enumerate(found.ways) for figure in found.figures
+        ],
+    }  # fmt: skip

@@ -1,0 +1,291 @@
+"""Displacements of real drifters between their fixes, beside those by a case's winds and currents.
+
+The model's displacement between two fixes is the integral of its velocity at the places where the drifter really was,
+by two-point Gauss quadrature in pieces of an hour at most. So a drifter that has left the model's eddy does not count
+against the model for the rest of its track: the difference is the model's own error at that place and time, which is
+what the errors of a case describe. Current and Stokes drift are compared with the drifter; the wind's displacement
+comes with them, as a regressor. A displacement between two fixes is called a way.
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drift.assess.verify import error_law
+from drift.assess.verify.error_law import Tracks
+from drift.case import file as case_file
+from drift.case.record import Case
+from drift.engine.motion.forcing import Forcing
+from drift.pipeline import run_setup
+from drift.tracking.tracks.records import Track, breaks
+from geo import sphere
+from geo.array import Array
+from geo.errors import UserError
+from geo.forcing.quantity import QUANTITIES
+
+PIECE = 3600.0  # [s] longest piece of a drifter's way for one quadrature
+GAUSS = 0.5 / np.sqrt(3.0)  # distance of the two points of quadrature from the middle of a piece of length 1
+MARGIN = 0.3  # [deg] forcing is read as far as this about all tracks
+ELSEWHERE = ("sortie", "contact", "unit", "plan", "resampling", "expect", "find", "patrol")  # keys without drifters
+
+
+@dataclass(frozen=True)
+class Ways:
+    """Ways of one drifter, which each end at a fix; n fixes.
+
+    step: time since the fix before [s], (n,); fresh: whether a fix begins a stretch, and so ends no way, (n,). Ways
+    (n, 2), east and north [m]: observed: the drifter's own; model: that of current and Stokes drift; wind: that of the
+    air, None where the case has no wind.
+    """
+
+    name: str
+    time: Array  # [s since 1970]
+    step: Array
+    fresh: Array
+    observed: Array
+    model: Array
+    wind: Array | None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The ways of all drifters, and notes on what could not be compared."""
+
+    ways: tuple[Ways, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def wind(self) -> bool:
+        """Whether all ways have a wind."""
+        return all(way.wind is not None for way in self.ways)
+
+
+def compared(
+    case: Case,
+    tracks: Sequence[Track],
+    columns: Mapping[str, str],
+    gap: float,
+    fastest: float,
+    datasets: Mapping[str, Any] | None = None,
+) -> Comparison:
+    """Return the ways of drifters beside those of a case's forcing, or of columns of their own files.
+
+    columns: {"current_east": "u", "current_north": "v"}: quantities that are named are taken from the tracks' columns,
+    all others from the case. gap: longest time between fixes [s] over which ways are compared; fastest: [m/s] speed
+    beyond which two fixes are a leap.
+    """
+    reported = {quantity for quantity in QUANTITIES if f"{quantity}_east" in columns}
+    asked = [quantity for quantity in QUANTITIES if quantity not in reported and case.forcing.get(quantity)]
+    points = [_points(track) for track in tracks]
+    sampled = _sampled(case, tracks, points, asked, datasets) if asked else {}
+    ways, without_forcing, cut = [], 0, 0
+    for k, track in enumerate(tracks):
+        step = np.diff(track.time, prepend=track.time[0])
+        fresh = breaks(track, gap, fastest)
+        cut += int(fresh[1:].sum())
+        parts: dict[str, Array] = {}
+        for quantity in QUANTITIES:
+            if quantity in reported:
+                values = np.stack([track.columns[columns[f"{quantity}_{side}"]] for side in ("east", "north")], axis=1)
+                mean = np.concatenate([np.zeros((1, 2)), (values[1:] + values[:-1]) / 2])
+                parts[quantity] = mean * step[:, None]
+            elif quantity in asked:
+                _, weight, owner = points[k]
+                parts[quantity] = np.stack(
+                    [np.bincount(owner, weight * sampled[quantity][k][:, side], track.time.size) for side in (0, 1)],
+                    axis=1,
+                )
+        zero = np.zeros((track.time.size, 2))
+        parts = {q: part if QUANTITIES[q].needed else np.nan_to_num(part) for q, part in parts.items()}
+        model = sum((part for quantity, part in parts.items() if not QUANTITIES[quantity].in_air), zero)
+        present = np.isfinite(model).all(axis=1) & np.isfinite(parts.get("wind", zero)).all(axis=1)
+        without_forcing += int((~present & ~fresh).sum())
+        fresh = fresh | ~present
+        lon, lat = np.radians(track.lon), np.radians(track.lat)
+        east, north = sphere.offset(lon[:-1], lat[:-1], lon[1:], lat[1:])
+        observed = np.concatenate([np.zeros((1, 2)), np.stack([east, north], axis=1)])
+        observed, model = (np.where(fresh[:, None], 0.0, way) for way in (observed, model))
+        wind = np.where(fresh[:, None], 0.0, parts["wind"]) if "wind" in parts else None
+        ways.append(Ways(track.name, track.time, step, fresh, observed, model, wind))
+    notes = []
+    if cut:
+        notes.append(f"{cut:,} ways between fixes left out that take more than {gap / 3600:.3g} h, or are leaps")
+    if without_forcing:
+        notes.append(f"{without_forcing:,} ways between fixes left out along which the forcing has no value")
+    comparable = tuple(way for way in ways if not way.fresh.all())
+    if not comparable:
+        raise UserError(
+            f"--drifters: no way between two fixes at most {gap / 3600:.3g} h apart lies where {case.path.name} has "
+            f"forcing{f' ({notes[-1]})' if notes else ''}; check the times and the place of its sources, or give "
+            "--columns"
+        )
+    return Comparison(comparable, tuple(notes))
+
+
+def residuals(ways: Sequence[Ways], wind: bool) -> Tracks:
+    """Return how far drifters went beyond the model since each stretch began.
+
+    The unknowns of the mean are windage (where there is a wind), and the mean error east and north [m/s].
+    """
+    pieces = []
+    for way in ways:
+        excess = _since(way.observed - way.model, way.fresh)
+        regressors = np.zeros((way.step.size, 2, 2 + wind))
+        if wind and way.wind is not None:
+            regressors[..., 0] = _since(way.wind, way.fresh)
+        elapsed = _since(np.where(way.fresh, 0.0, way.step), way.fresh)
+        regressors[:, 0, -2] = regressors[:, 1, -1] = elapsed
+        pieces.append((way.step, way.fresh, excess, regressors))
+    return error_law.joined(pieces)
+
+
+def _since(values: Array, fresh: Array) -> Array:
+    """Return sums of values since the begin of the stretch in which each stands."""
+    total = np.cumsum(values, axis=0)
+    begin = np.maximum.accumulate(np.where(fresh, np.arange(len(fresh)), 0))
+    return np.asarray(total - total[begin])
+
+
+def _points(track: Track) -> tuple[Array, Array, Array]:
+    """Return (times, weights, fixes) of the points of quadrature.
+
+    Times are whole [s since 1970], weights are in [s], fixes are the numbers of those that end the ways.
+    """
+    steps = np.diff(track.time)
+    count = np.maximum(np.ceil(steps / PIECE).astype(int), 1)
+    owner = np.repeat(np.arange(1, track.time.size), count)
+    number = np.arange(owner.size) - np.repeat(np.cumsum(count) - count, count)
+    length = np.repeat(steps / count, count)
+    middle = track.time[owner - 1] + (number + 0.5) * length
+    time = np.stack([middle - GAUSS * length, middle + GAUSS * length], axis=1).ravel()
+    return np.rint(time), np.repeat(length / 2, 2), np.repeat(owner, 2)
+
+
+def _sampled(
+    case: Case,
+    tracks: Sequence[Track],
+    points: Sequence[tuple[Array, Array, Array]],
+    asked: Sequence[str],
+    datasets: Mapping[str, Any] | None,
+) -> dict[str, list[Array]]:
+    """Return values of a case's sources by quantity at each drifter's points, (points, 2).
+
+    Values are NaN where there is none. They are sampled as for particles, with the same priorities, sums and filled
+    coasts.
+    """
+    bounds = np.cumsum([0, *(len(point[0]) for point in points)])
+    time = np.concatenate([point[0] for point in points])
+    positions = [track.at(point[0]) for track, point in zip(tracks, points, strict=True)]
+    lon, lat = (sphere.to_binary(np.concatenate([position[k] for position in positions])) for k in (0, 1))
+    where = run_setup.open_for(over(case, tracks), datasets)
+    if where.members:
+        raise UserError(
+            f"{case.path.name}: drifters are compared with one current and one wind, not with {len(where.members)} members of an "
+            "ensemble: leave members out, and choose one by its index in variables"
+        )
+    sources = where.scenarios[0]
+    forcing = Forcing([sources], 1)
+    sampled = {quantity: np.full((time.size, 2), np.nan) for quantity in asked}
+    try:
+        order = np.argsort(time, kind="stable")
+        moments, begins = np.unique(time[order], return_index=True)
+        ends = [*begins[1:], time.size]
+        for moment, begin, end in zip(moments.astype(int), begins, ends, strict=True):
+            at_moment = order[begin:end]
+            # A source's first moment can only begin a step, and its last only end one: both are tried.
+            for second, fraction in ((moment, 0.0), (moment - 1, 1.0)):
+                forcing.set(int(second), int(second) + 1)
+                for quantity in asked:
+                    tiles = forcing.ranges[0][quantity]
+                    sample = forcing.tiles.at(*tiles, lon[at_moment], lat[at_moment], fraction)
+                    new = np.isnan(sampled[quantity][at_moment, 0]) & (sample[:, 2] > 0)
+                    sampled[quantity][at_moment[new]] = sample[new, :2]
+                if all(np.isfinite(sampled[quantity][at_moment]).all() for quantity in asked):
+                    break
+    finally:
+        forcing.close()
+    return {quantity: [values[a:b] for a, b in itertools.pairwise(bounds)] for quantity, values in sampled.items()}
+
+
+def over(case: Case, tracks: Sequence[Track]) -> Case:
+    """Return a case of the same sources over the time and place of tracks, without anything about a search."""
+    first = min(track.time[0] for track in tracks)
+    last = max(track.time[-1] for track in tracks)
+    lon = np.sort(np.concatenate([track.lon for track in tracks]) % 360)
+    lat = np.concatenate([track.lat for track in tracks])
+    gaps = np.diff(lon, append=lon[0] + 360)  # the widest gap between longitudes of fixes is outside the box
+    widest = int(np.argmax(gaps))
+    west, wide = lon[(widest + 1) % lon.size], 360 - gaps[widest]
+    high = min(float(np.abs(lat).max()) + MARGIN, 85.0)
+    side = MARGIN / np.cos(np.radians(high))
+    round_earth = wide + 2 * side >= 359
+    box = {
+        "west": float(-180.0 if round_earth else sphere.wrap_degrees(west - side)),
+        "east": float(180.0 if round_earth else sphere.wrap_degrees(west + wide + side)),
+        "south": float(max(lat.min() - MARGIN, -90)),
+        "north": float(min(lat.max() + MARGIN, 90)),
+    }
+    story = scenario(case)
+    windy = bool(case.forcing["wind"])
+    table = {key: story[key] for key in _keys() if key in story}
+    table |= {"name": "drifters", "object": {"windage": 0.01} if windy else "water"}
+    table["position"] = {"at": [float(tracks[0].lon[0]), float(tracks[0].lat[0])], "std": 0.0}
+    return case_file.vary(
+        case,
+        {
+            **dict.fromkeys((*ELSEWHERE, "spill", "end"), None),
+            "direction": "forward",
+            "start": np.datetime64(int(np.floor(first)), "s"),
+            "duration": float(np.ceil(last) - np.floor(first)),
+            "max_lost": 1.0,
+            "coast": {"source": "none"},
+            "domain": box,
+            "output": {"times": ["+0 h"]},  # none is made, and a file of years has too many
+            "scenario": [table],
+        },
+    )
+
+
+def _keys() -> list[str]:
+    """Return the keys of a scenario that name sources."""
+    return [quantity.key for quantity in QUANTITIES.values()]
+
+
+def check_case(case: Case, columns: Mapping[str, str]) -> None:
+    """Raise UserError where drifters cannot be compared with a case.
+
+    A scenario moves by another model than drift, so that no drifter is like it; or a quantity was to come from columns,
+    and `columns` does not name them.
+    """
+    for quantity, specs in case.forcing.items():
+        if f"{quantity}_east" not in columns and any(spec.name == case_file.ALONG for spec in specs):
+            raise UserError(
+                f"{case.path.name}: was loaded with along = {quantity}, but no columns for it were given; give "
+                f"{quantity}_east and {quantity}_north, or give the case a source"
+            )
+    for story in case.scenarios:
+        if story.model != "drift":
+            raise UserError(
+                f'{case.path.name}: scenario "{story.name}" has motion = "{story.model}"; drifters are compared with '
+                'what drifts, motion = "drift"'
+            )
+
+
+def scenario(case: Case) -> Mapping[str, Any]:
+    """Return the scenario table of a case.
+
+    Raises UserError where several have different objects or sources.
+    """
+    tables: list[Mapping[str, Any]] = list(case.tables.get("scenario", ()))
+    if not tables:
+        raise UserError(f"{case.path.name}: has a [spill]; drifters are compared with a case of one [[scenario]]")
+    seas = [{key: table.get(key) for key in ("object", *_keys())} for table in tables]
+    if any(sea != seas[0] for sea in seas):
+        raise UserError(
+            f"{case.path.name}: its scenarios drift as different objects, or in different sources; give a case with "
+            "the one [[scenario]] that the drifters are to be compared with"
+        )
+    return tables[0]

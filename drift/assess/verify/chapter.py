@@ -1,0 +1,58 @@
+"""What a verification hands out: a row for each forecast and lead, all of it as netCDF, and a picture."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from drift import version
+from drift.assess.verify import files as verification_files
+from drift.assess.verify import text as verification_text
+from drift.assess.verify.verification import Verification
+from drift.pipeline import run_metadata
+from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.maps.imprint import Imprint
+from kernels.runtime import runtime
+
+
+@dataclass(frozen=True)
+class Matter:
+    """What the files and pictures are made from."""
+
+    verification: Verification
+    imprint: Imprint
+
+
+def _picture(matter: Matter, path: Path) -> None:
+    from drift.assess.verify import map as verification_map  # imported here, for Matplotlib takes a second
+
+    verification_map.draw(matter.verification, path, matter.imprint)
+
+
+FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+    "verify.csv": lambda matter, stamped: verification_files.table(matter.verification, stamped["run_id"]),
+    "verify.nc": lambda matter, stamped: verification_files.dataset(matter.verification),
+}
+PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+    "verify.png": _picture,
+}
+
+
+def chapter(verification: Verification) -> Chapter:
+    """Return the only chapter of a verification."""
+    case = verification.case
+    inputs = [run_metadata.input_file(path) for path in case.inputs]
+    attributes = {
+        "title": f"{case.title}: forecasts of drifters",
+        "source": f"casp-drift {version.__version__}",
+        "versions": version.told(),
+        "seed": str(case.seed),
+        **runtime.about(),
+        "forcing": "; ".join(f"{Path(given['path']).name}: {given['digest']}" for given in inputs),
+        "coast": case.coast.source,
+        "uncertainty": verification_text.errors(verification),
+        "case": case.text,
+    }
+    footer = f"{attributes['source']}, seed {case.seed}, {attributes['uncertainty']}"
+    matter = Matter(verification, Imprint(case.title, footer, attributes))
+    numbers = {"verification": verification_files.numbers(verification), "inputs": inputs}
+    return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), attributes)

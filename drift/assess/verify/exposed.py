@@ -1,0 +1,90 @@
+"""Parts of drifters' tracks in which their errors can be seen, whether or not the drifters run aground later.
+
+Of a drifter that runs aground, the way on which it does is not known: the shore cut it short. Ways that led ashore are
+missing then, and the others lean offshore. So in a set of drifters some of which run aground, each track ends at the
+first fix from which its drifter might have run aground before the next. Where a track ends depends on what came before,
+and not on the ways that are left out; data that are missing so do not bias a likelihood (Rubin 1976,
+doi:10.1093/biomet/63.3.581).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drift.assess.verify import grounding
+from drift.assess.verify.starts import Stranded
+from drift.engine.environment.environment_spec import Coast
+from drift.tracking.tracks import records
+from drift.tracking.tracks.records import Track
+from geo import sphere
+from geo.array import Array
+
+FAST = 0.99  # share of the speeds between fixes that are at most as fast as what counts as reach
+
+
+@dataclass(frozen=True)
+class Exposed:
+    """Parts of tracks that are compared with a model, and notes on what was left out."""
+
+    tracks: tuple[Track, ...]
+    notes: tuple[str, ...]
+
+
+def exposed(stranded: Stranded, coast: Coast, gap: float) -> Exposed:
+    """Return the parts of tracks in which errors are compared; gap: longest time between fixes of a way [s].
+
+    Fixes of drifters that have stopped are left out. Raises UserError where the case's shoreline cannot be read.
+    """
+    notes = []
+    masks = [own | other for own, other in zip(stranded.ashore, stranded.stopped, strict=True)]
+    if still := sum(int(mask.sum()) for mask in masks):
+        words = records.words_for_spells(stranded.tracks, masks)
+        notes.append(f"{still:,} fixes left out aground, of {words}")
+    afloat = [np.flatnonzero(~mask) for mask in masks]
+    if any(mask.any() for mask in stranded.ashore):
+        afloat = _before_the_shore(stranded, coast, gap, afloat, notes)
+    pairs = zip(stranded.tracks, afloat, strict=True)
+    tracks = tuple(records.selected(track, keep) for track, keep in pairs if keep.size > 1)
+    return Exposed(tracks, tuple(notes))
+
+
+def _before_the_shore(
+    stranded: Stranded, coast: Coast, gap: float, afloat: Sequence[Array], notes: list[str]
+) -> list[Array]:
+    """Return which fixes (numbers) come before the shore is in reach, and the first one with it in reach.
+
+    afloat: numbers of the fixes of each track that are considered; notes: to add one to.
+    """
+    tracks = stranded.tracks
+    first = [int(np.argmax(mask)) if mask.any() else mask.size for mask in stranded.ashore]
+    before = [keep[keep < end] for keep, end in zip(afloat, first, strict=True)]
+    speeds = np.concatenate([_speeds(track, gap)[keep] for track, keep in zip(tracks, before, strict=True)])
+    fast = float(np.quantile(speeds[np.isfinite(speeds)], FAST)) if np.isfinite(speeds).any() else 0.0
+    steps = [np.diff(track.time, append=np.inf)[keep] for track, keep in zip(tracks, before, strict=True)]
+    reach = fast * np.minimum(np.concatenate(steps), gap)
+    lon, lat = (
+        np.concatenate([values[keep] for values, keep in zip(columns, before, strict=True)])
+        for columns in ([track.lon for track in tracks], [track.lat for track in tracks])
+    )
+    within = grounding.off_shore(coast, lon, lat, float(reach.max(initial=0.0))) <= reach
+    ends = np.cumsum([keep.size for keep in before])[:-1]
+    kept = [
+        keep[: int(np.argmax(near)) + 1] if near.any() else keep
+        for keep, near in zip(before, np.split(within, ends), strict=True)
+    ]
+    if left := sum(keep.size - own.size for keep, own in zip(afloat, kept, strict=True)):
+        notes.append(
+            f"{left:,} fixes left out: their drifter had come within {float(np.median(reach)) / 1000:.2g} km of the shore, which it "
+            "could drift before the next fix. Tracks that lead ashore are cut short there, so the remaining ones lean offshore "
+            '(coast.source = "none" keeps these fixes)'
+        )
+    return kept
+
+
+def _speeds(track: Track, gap: float) -> Array:
+    """Return the speed from each fix to the next [m/s], (n,); NaN after the last, and over more than gap [s]."""
+    lon, lat = np.radians(track.lon), np.radians(track.lat)
+    step = np.diff(track.time)
+    speed = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) / step
+    return np.append(np.where(step <= gap, speed, np.nan), np.nan)

@@ -1,0 +1,131 @@
+"""A verification as a table, as netCDF, and in numbers. Writes no file."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from drift.assess.verify import text as verification_text
+from drift.assess.verify.verification import Verification
+from drift.products.files import formats
+from drift.tracking.tracks.clusters import Estimate
+from geo import notation
+from geo.array import Array
+
+Variable = tuple[tuple[str, ...], Array, dict[str, str]]  # dimensions, values and attributes
+
+SUMMARY = (
+    "Forecasts of real drifters from many starts beside what the drifters did: separation, spread, which areas held them, "
+    "ranks and skill."
+)
+
+
+def numbers(result: Verification) -> dict[str, Any]:
+    """Return the summary's numbers: shares held, separations and skill, each with its clustered standard error."""
+
+    def numbers_of(estimate: Estimate) -> dict[str, Any]:
+        return {"mean": estimate.mean, "standard_error": estimate.error, "count": estimate.count}
+
+    columns = np.searchsorted(result.hours, result.leads)
+    return {
+        "forecasts": result.skill.size,
+        "left_out": dict(result.left_out),
+        "drifters": list(result.names),
+        "skill": {**numbers_of(result.mean(result.skill)), "median": float(np.median(result.skill))},
+        "leads": [
+            {
+                "hours": float(hours),
+                "held": {f"{share:.0%}": numbers_of(result.held(lead, share)) for share in result.shares},
+                "separation_m": {
+                    **numbers_of(result.mean(result.apart[:, k])),
+                    "median": float(np.median(result.apart[:, k])),
+                },
+                "persistence_m": numbers_of(result.mean(result.waiting[:, k])),
+                "aground": numbers_of(result.mean(result.aground[:, k], share=True)),
+                "ashore": float(result.ashore[:, k].mean()),
+                "rank_along": numbers_of(result.mean(result.along[:, lead])),
+                "rank_across": numbers_of(result.mean(result.across[:, lead])),
+            }
+            for lead, (hours, k) in enumerate(zip(result.leads, columns, strict=True))
+        ],
+        "lost": float(result.lost.mean()),
+        "notes": list(result.notes),
+        "in_short": verification_text.headline(result),
+    }
+
+
+def table(result: Verification, run: str) -> str:
+    """Return a row for each forecast and lead as CSV; run: the run_id, for the last column."""
+    header = ["drifter", "start", "lead_h", "lon", "lat", "separation_m", "persistence_m", "way_m", "spread_m",
+              "aground", "ashore", "containment", "rank_along", "rank_across", "skill", "lost", "run_id"]  # fmt: skip
+    rows = []
+    columns = np.searchsorted(result.hours, result.leads)
+    for n in range(result.skill.size):
+        for lead, k in enumerate(columns):
+            metres = [f"{values[n, k]:.1f}" for values in (result.apart, result.waiting, result.way, result.spread)]
+            shares = [f"{values[n, lead]:.4f}" for values in (result.containment, result.along, result.across)]
+            start = notation.iso(np.datetime64(int(result.start[n]), "s"))
+            rows.append([
+                result.names[result.drifter[n]], start, f"{result.leads[lead]:g}", f"{result.lon[n, k]:.6f}",
+                f"{result.lat[n, k]:.6f}", *metres, f"{result.aground[n, k]:d}", f"{result.ashore[n, k]:.4f}", *shares, f"{result.skill[n]:.4f}", f"{result.lost[n]:.4f}", run,
+            ])  # fmt: skip
+    return formats.csv_text(header, rows)
+
+
+def dataset(result: Verification) -> xr.Dataset:
+    """Return a verification as a dataset over forecast, hours after the start, and lead."""
+
+    def hourly(values: Array, long_name: str, units: str) -> Variable:
+        return ("forecast", "hours"), values, {"long_name": long_name, "units": units}
+
+    def metres(values: Array, long_name: str) -> Variable:
+        return hourly(values, long_name, "m")
+
+    def position(values: Array, axis: str, units: str) -> Variable:
+        dims, values, words = hourly(values, f"{axis} of the drifter", units)
+        return dims, values, {"standard_name": axis, **words}
+
+    def share(values: Array, long_name: str) -> Variable:
+        return ("forecast", "lead"), values, {"long_name": long_name, "units": "1"}
+
+    names = np.array(result.names, dtype=object)[result.drifter]
+    since = {"standard_name": "forecast_period", "long_name": "time after the start", "units": "h"}
+    starts = result.start.astype("datetime64[s]").astype("datetime64[ns]")
+    return xr.Dataset(
+        {
+            "drifter": ("forecast", names, {"long_name": "name of the drifter"}),
+            "start": (
+                "forecast",
+                starts,
+                {"standard_name": "forecast_reference_time", "long_name": "start of the forecast, UTC"},
+            ),
+            "drifter_lon": position(result.lon, "longitude", "degrees_east"),
+            "drifter_lat": position(result.lat, "latitude", "degrees_north"),
+            "separation": metres(result.apart, "distance of the mean position from the drifter"),
+            "persistence": metres(result.waiting, "distance of the start from the drifter"),
+            "way": metres(result.way, "way of the drifter since the start"),
+            "spread": metres(result.spread, "root mean square distance of the particles from their mean"),
+            "aground": hourly(
+                result.aground.astype(np.int8), "whether the drifter is aground: 0 afloat, 1 aground", "1"
+            ),
+            "ashore": hourly(result.ashore, "share of the probability on the map that is ashore", "1"),
+            "containment": share(result.containment, "share of the smallest area that holds the drifter"),
+            "rank_along": share(result.along, "share of the probability behind the drifter, along the forecast drift"),
+            "rank_across": share(result.across, "share of the probability to the left of the drifter"),
+            "skill": ("forecast", result.skill, {"long_name": "skill (Liu and Weisberg 2011)", "units": "1"}),
+            "lost": ("forecast", result.lost, {"long_name": "probability on no map at the end", "units": "1"}),
+        },
+        {
+            "hours": ("hours", result.hours.astype(float), since),
+            "lead": ("lead", result.leads.astype(float), since),
+            "time": (
+                ("forecast", "hours"),
+                starts[:, None] + (result.hours * 3600).astype("timedelta64[s]"),
+                {"standard_name": "time", "long_name": "time, UTC"},
+            ),
+        },
+        {
+            "summary": SUMMARY,
+            "comment": f"{verification_text.headline(result)}{verification_text.left_out(result)}",
+        },
+    )  # fmt: skip

@@ -1,0 +1,394 @@
+"""Errors of a case's forcing and the windage of what drifts, from drifters' tracks: `drift fit-errors`.
+
+The parameters of `drift.assess.verify.error_law` are those under which the tracks are likeliest. Standard errors are those
+of the parameters' logarithms, from the curvature of the log likelihood. With ten drifters or more there is also the
+sandwich estimate, from the spread of the drifters' own scores (clustered by drifter; White 1982, doi:10.2307/1912526).
+It holds where the law holds only roughly, but is inaccurate where drifters are few: the larger of both is printed. A
+parameter that the data do not tell is marked so, with an upper limit.
+"""
+
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import optimize, stats
+
+from drift.assess.verify import along, error_law, exposed, hold_out, reading, starts
+from drift.assess.verify.along import Ways
+from drift.assess.verify.error_law import NAMES, Law, Tracks
+from drift.assess.verify.hold_out import Held
+from drift.case.record import Case
+from drift.pipeline.run_options import in_turn
+from drift.tracking.tracks import records as drifter_records
+from drift.tracking.tracks.records import Track
+from geo.array import Array
+from geo.errors import UserError
+from kernels.runtime import runtime
+
+Report = Callable[[str, float], None]
+
+BOUNDS = {  # smallest and largest value of each parameter, SI: far outside all that has been published
+    "std": (1e-3, 5.0),
+    "time": (300.0, 60 * 86_400.0),
+    "bias": (1e-4, 3.0),
+    "diffusivity": (1e-4, 1e4),
+    "noise": (0.1, 2e4),
+}
+FEWEST = 12  # fewest ways between fixes for a fit
+ENOUGH = 10  # fewest drifters with which the spread between them counts
+VAGUE = 0.7  # with this standard error of its logarithm, or a larger one, a parameter counts as not identified
+STEP = 0.05  # step of a logarithm for second derivatives
+SLOPE = 1e-5  # step of a logarithm for first derivatives
+LIMIT = 0.5 * float(stats.chi2.ppf(0.90, 1))  # log likelihood below the best at a one-sided limit of 95 %
+ONE_WIND = "windage is not told: in a wind that is always the same, or none, it cannot be told from the mean error"
+LAGS = np.array([1.0, 3.0, 6.0, 12.0, 24.0, 48.0])  # [h]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter: its value, the standard error of its logarithm, and whether the data tell it.
+
+    error: the standard error that is printed; curvature: that from the curvature alone. limit: upper limit (95 %) of a
+    parameter that is not identified; NaN for `time`, which has none.
+    """
+
+    value: float
+    error: float
+    curvature: float
+    identified: bool
+    limit: float = math.nan
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The errors that suit drifters, and how well they are known."""
+
+    law: Law
+    parameters: Mapping[str, Parameter]
+    windage: float  # of what drifts, as a share of the wind speed; NaN without a wind
+    windage_error: float
+    mean: tuple[float, float]  # [m/s] mean error of the model, east and north
+    mean_error: tuple[float, float]
+    clustered: bool  # whether standard errors count the spread between drifters, not the curvature alone
+    log: float
+    names: tuple[str, ...]  # of the drifters
+    increments: int
+    correlation: Array  # (lags, 4): hours, correlation of the data, its standard error, correlation of the law
+    held: Held | None
+    notes: tuple[str, ...]
+
+    @property
+    def standing_bias(self) -> float:
+        """Bias [m/s] to state where the mean error stays in: both together, less the variance of the mean error."""
+        square = (np.square(self.mean).sum() - np.square(self.mean_error).sum()) / 2
+        return math.sqrt(self.law.bias**2 + max(float(square), 0.0))
+
+
+@in_turn
+def fit_errors(
+    case: Case,
+    files: str | os.PathLike[str] | Sequence[Track],
+    *,
+    columns: Mapping[str, str] | None = None,
+    gap: float = drifter_records.GAP,
+    fastest: float = drifter_records.FASTEST,
+    ends_aground: bool = False,
+    held_out: bool = False,
+    datasets: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    backend: str = "cpu",
+    report: Report | None = None,
+) -> Fit:
+    """Return the errors of a case's forcing that suit the tracks of drifters.
+
+    files: a file of tracks, or tracks. columns: {"current_east": "u", ..}: the model's values at the drifter's places,
+    from columns of its file. gap: longest time between fixes [s] over which ways are compared. fastest: speed [m/s]
+    beyond which a fix is not believed. ends_aground: whether a drifter whose track ends near the shore ran aground
+    there. held_out: whether to fit half of the drifters, or half of the days of one, as
+    well, and test that on the others. Raises UserError.
+    """
+    tell = report or (lambda phase, share: None)
+    tell("read", 0.0)
+    names = dict(columns or {})
+    along.check_case(case, names)
+    tracks = read(files, names)
+    if not isinstance(gap, int | float) or not gap > 0:
+        raise UserError(f"--max-gap {gap!r} must be above 0 s")
+    believed = drifter_records.believed(tracks, fastest)
+    if not believed.tracks:
+        raise UserError(f"--drifters: no track is left; {'; '.join(believed.notes)}")
+    seen = exposed.exposed(starts.strand(believed, case.coast, ends_aground), case.coast, gap)
+    notes = (*believed.notes, *seen.notes)
+    if not seen.tracks:
+        raise UserError(f"--drifters: no track is left; {'; '.join(notes)}")
+    runtime.start(backend, threads, sum(track.time.size for track in seen.tracks))
+    comparison = along.compared(case, seen.tracks, names, gap, fastest, datasets)
+    tell("fit", 0.0)
+    return of(comparison.ways, comparison.wind, (*notes, *comparison.notes), held_out=held_out)
+
+
+def read(files: str | os.PathLike[str] | Sequence[Track], columns: Mapping[str, str]) -> Sequence[Track]:
+    """Return the tracks of a file with the columns that are wanted, or the tracks that are given."""
+    if isinstance(files, str | os.PathLike):
+        return reading.read(Path(files), list(dict.fromkeys(columns.values())))
+    for track in files:
+        if missing := [name for name in columns.values() if name not in track.columns]:
+            raise UserError(f'drifter "{track.name}" has no column "{missing[0]}"')
+    return files
+
+
+def of(ways: Sequence[Ways], wind: bool, notes: Sequence[str] = (), *, held_out: bool = False) -> Fit:
+    """Return the fit of errors to ways; wind: whether windage is fitted too; held_out: as in `fit_errors`."""
+    tracks = along.residuals(ways, wind)
+    if tracks.increments < FEWEST:
+        told = f" ({'; '.join(notes)})" if notes else ""
+        raise UserError(
+            f"--drifters: {tracks.increments} ways between fixes are too few to fit {len(NAMES)} parameters to; "
+            f"give {FEWEST} or more{told}"
+        )
+    if wind and not _wind_varies(tracks):
+        return of(ways, False, (*notes, ONE_WIND), held_out=held_out)
+    free = _free(ways)
+    law, best = likeliest(tracks, free)
+    parameters, clustered = _parameters(law, tracks, free, best.log)
+    mean_error = _mean_errors(best, clustered)
+    held = _held_out(ways, wind) if held_out else None
+    return Fit(
+        law,
+        parameters,
+        float(best.mean[0]) if wind else math.nan,
+        float(mean_error[0]) if wind else math.nan,
+        (float(best.mean[-2]), float(best.mean[-1])),
+        (float(mean_error[-2]), float(mean_error[-1])),
+        clustered,
+        best.log,
+        tuple(way.name for way in ways),
+        tracks.increments,
+        _correlation(law, best.mean, ways, wind),
+        held,
+        tuple(notes),
+    )
+
+
+def _free(ways: Sequence[Ways]) -> list[str]:
+    """Return the names of the parameters to fit: one drifter alone does not tell its bias from the mean error."""
+    return [name for name in NAMES if name != "bias" or len(ways) > 1]
+
+
+def _parameters(law: Law, tracks: Tracks, free: Sequence[str], best: float) -> tuple[dict[str, Parameter], bool]:
+    """Return the parameters of the likeliest law, and whether their errors are clustered.
+
+    best: its log likelihood.
+    """
+    errors, curvature, clustered = _errors(law, tracks, free)
+    parameters = dict.fromkeys(NAMES, Parameter(math.nan, math.nan, math.nan, identified=False))
+    for name in free:
+        value = getattr(law, name)
+        identified = errors[name] < VAGUE and value > 1.05 * BOUNDS[name][0] and value < BOUNDS[name][1] / 1.05
+        limit = math.nan if identified or name == "time" else _limit(law, tracks, free, name, best)
+        parameters[name] = Parameter(value, errors[name], curvature[name], identified, limit)
+    return parameters, clustered
+
+
+def _held_out(ways: Sequence[Ways], wind: bool) -> Held:
+    """Return how a law fitted to one half of the ways suits the other.
+
+    Raises UserError where a half is too small.
+    """
+    halves = hold_out.split(ways)
+    if min(along.residuals(half, wind).increments for half in (halves.fitted, halves.held)) < FEWEST:
+        raise UserError(
+            f"--hold-out: {halves.how} are fewer than {FEWEST} ways between fixes; leave it out, or give more"
+        )
+    law, best = likeliest(along.residuals(halves.fitted, wind), _free(halves.fitted))
+    return hold_out.tested(law, best, halves, wind)
+
+
+def _wind_varies(tracks: Tracks) -> bool:
+    """Return whether windage and mean error can be told apart: in a wind that is always the same they cannot."""
+    likelihood = error_law.likelihood(_starts(tracks)[0], tracks)
+    scale = np.sqrt(np.diag(likelihood.covariance))
+    if not (scale > 0).all():
+        return False
+    return bool(np.linalg.cond(likelihood.covariance / np.outer(scale, scale)) < 1e6)
+
+
+def likeliest(
+    tracks: Tracks, free: Sequence[str], begin: Law | None = None, fixed: Mapping[str, float] | None = None
+) -> tuple[Law, error_law.Likelihood]:
+    """Return the law under which tracks are likeliest, and its likelihood.
+
+    Parameters that are neither free nor fixed are zero. begin: where the search begins; by default several laws are
+    tried.
+    """
+    fixed = dict(fixed or {})
+    fitted = [name for name in free if name not in fixed]
+    low, high = (np.log([BOUNDS[name][k] for name in fitted]) for k in (0, 1))
+
+    def law(point: Array) -> Law:
+        values = dict.fromkeys(NAMES, 0.0) | dict(zip(fitted, np.exp(point).tolist(), strict=True)) | fixed
+        return Law(**values)
+
+    def cost(point: Array) -> tuple[float, Array]:
+        """Return minus the log likelihood, and its slope by differences."""
+        laws = [law(point), *(law(point + SLOPE * side) for side in np.eye(point.size))]
+        value, *neighbours = (-candidate.log for candidate in error_law.likelihoods(laws, tracks))
+        return value, (np.array(neighbours) - value) / SLOPE
+
+    starts = [begin] if begin else _starts(tracks)
+    points = [
+        np.clip(np.log([max(getattr(start, name), BOUNDS[name][0] * 1.1) for name in fitted]), low, high)
+        for start in starts
+    ]
+    first = int(np.argmax([candidate.log for candidate in error_law.likelihoods([law(p) for p in points], tracks)]))
+    best = optimize.minimize(
+        cost, points[first], jac=True, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
+        options={"ftol": 1e-9, "gtol": 1e-2, "maxiter": 200},
+    )  # fmt: skip
+    law_found = law(best.x)
+    return law_found, error_law.likelihood(law_found, tracks)
+
+
+def _starts(tracks: Tracks) -> list[Law]:
+    """Return laws from which the search may begin: errors as large as the data's, with long and short memories."""
+    within = tracks.there & ~tracks.fresh
+    moved = np.diff(tracks.data, axis=1, prepend=0.0)[within]
+    speed = max(float(np.median(np.abs(moved / tracks.step[within][:, None]))) * 1.5, 5e-3)
+    return [
+        Law(speed, hours * 3600.0, speed / 3, walk, noise)
+        for hours in (3.0, 12.0, 48.0)
+        for walk, noise in ((1.0, 10.0), (1.0, 200.0), (30.0, 30.0))
+    ]
+
+
+def _errors(law: Law, tracks: Tracks, free: Sequence[str]) -> tuple[dict[str, float], dict[str, float], bool]:
+    """Return standard errors of the parameters' logarithms, as printed and by curvature.
+
+    Third, it returns whether the first are clustered by drifter: they are where there are ENOUGH drifters, and are then
+    the larger of both.
+    """
+    inside = [n for n in free if BOUNDS[n][0] * 1.05 < getattr(law, n) < BOUNDS[n][1] / 1.05]
+
+    def moved(*steps: tuple[str, float]) -> Law:
+        return replace(law, **{name: getattr(law, name) * math.exp(STEP * times) for name, times in steps})
+
+    size = len(inside)
+    pairs = [(i, j) for i in range(size) for j in range(i)]
+    laws = [law, *(moved((name, 1.0)) for name in inside), *(moved((name, -1.0)) for name in inside)]
+    laws += [moved((inside[i], side), (inside[j], side)) for side in (1.0, -1.0) for i, j in pairs]
+    centre, *others = error_law.likelihoods(laws, tracks)
+    up, down, paired = others[:size], others[size : 2 * size], others[2 * size :]
+    curve = np.diag([(a.log + b.log - 2 * centre.log) / STEP**2 for a, b in zip(up, down, strict=True)])
+    for number, (i, j) in enumerate(pairs):
+        corners = paired[number].log + paired[number + len(pairs)].log + 2 * centre.log
+        cross = corners - up[i].log - down[i].log - up[j].log - down[j].log
+        curve[i, j] = curve[j, i] = cross / (2 * STEP**2)
+    value, vector = np.linalg.eigh(-curve)
+    inverse = (vector / np.maximum(value, 1e-6)) @ vector.T  # a flat direction gets a huge error
+    curvature = dict.fromkeys(free, math.inf) | dict(zip(inside, np.sqrt(np.diag(inverse)).tolist(), strict=True))
+    drifters = tracks.step.shape[0]
+    if drifters < ENOUGH:
+        return curvature, curvature, False
+    scores = np.stack([(a.own - b.own) / (2 * STEP) for a, b in zip(up, down, strict=True)], axis=1)
+    scores = scores - scores.mean(axis=0)
+    score_covariance = scores.T @ scores * drifters / (drifters - 1)
+    clustered = np.sqrt(np.diag(inverse @ score_covariance @ inverse))
+    larger = {name: max(curvature[name], float(error)) for name, error in zip(inside, clustered, strict=True)}
+    return dict.fromkeys(free, math.inf) | larger, curvature, True
+
+
+def _mean_errors(best: error_law.Likelihood, clustered: bool) -> Array:
+    """Return standard errors of windage and mean error.
+
+    They are by the law or, where that is larger, clustered by drifter.
+    """
+    variance = np.diag(best.covariance)
+    if clustered:
+        count = len(best.score)
+        score_covariance = best.score.T @ best.score * count / (count - 1)
+        variance = np.maximum(variance, np.diag(best.covariance @ score_covariance @ best.covariance))
+    return np.asarray(np.sqrt(variance))
+
+
+def _limit(law: Law, tracks: Tracks, free: Sequence[str], name: str, best: float) -> float:
+    """Return the upper limit (95 %) of a parameter by its profile likelihood.
+
+    It is inf where the data allow the largest.
+    """
+    low, high = math.log(max(getattr(law, name), BOUNDS[name][0])), math.log(BOUNDS[name][1])
+
+    def drop(candidate: float) -> float:
+        _, profile = likeliest(tracks, free, law, {name: math.exp(candidate)})
+        return best - profile.log - LIMIT
+
+    point = low
+    while point < high:
+        point = min(point + 1.5, high)
+        if drop(point) > 0:
+            return math.exp(optimize.brentq(drop, low, point, xtol=0.1) if drop(low) < 0 else low)
+        low = point
+    return math.inf
+
+
+def _correlation(law: Law, mean: Array, ways: Sequence[Ways], wind: bool) -> Array:
+    """Return hours, correlation of the data's velocity errors, its standard error, the law's, (lags, 4).
+
+    Velocity errors are means over about an hour or longer. They are the sum of bias and Ornstein-Uhlenbeck velocity,
+    without the mean error.
+    """
+    rows = []
+    pieces = [_velocities(way, mean, wind) for way in ways]
+    spans = np.concatenate([piece[2] for piece in pieces])
+    if not spans.size:
+        return np.empty((0, 4))
+    span = float(np.median(spans))
+    own = float(error_law.spread(law, span)) / span**2
+    variance = np.concatenate([(piece[1] ** 2).mean(axis=1) for piece in pieces]).mean()
+    for lag in LAGS * 3600:
+        if lag < 0.9 * span:
+            continue
+        products, weights = [], []
+        for time, velocity, _ in pieces:
+            window = np.searchsorted(time, time + 0.75 * lag), np.searchsorted(time, time + 1.25 * lag)
+            sums = np.concatenate([np.zeros((1, 2)), np.cumsum(velocity, axis=0)])
+            count_at = window[1] - window[0]
+            products.append(float((velocity * (sums[window[1]] - sums[window[0]])).sum()) / 2)
+            weights.append(float(count_at.sum()))
+        count = np.array(weights)
+        if count.sum() < 10:
+            continue
+        covariance = np.array(products).sum() / count.sum()
+        residual = np.array(products) - covariance * count
+        drifters = int((count > 0).sum())
+        error = (
+            math.sqrt((residual**2).sum() * drifters / max(drifters - 1, 1)) / count.sum() if drifters > 1 else math.nan
+        )
+        rows.append(
+            [lag / 3600, covariance / variance, error / variance, float(error_law.correlation(law, lag, span)) / own]
+        )
+    return np.array(rows).reshape(-1, 4)
+
+
+def _velocities(way: Ways, mean: Array, wind: bool) -> tuple[Array, Array, Array]:
+    """Return middles [s], mean velocity errors (n, 2) [m/s] and lengths [s] of pieces.
+
+    The pieces last about an hour or longer.
+    """
+    tracks = along.residuals([way], wind)
+    excess = tracks.data[0] - tracks.regressors[0] @ mean
+    time, values, spans = [], [], []
+    begin = 0
+    for k in range(way.step.size):
+        if way.fresh[k]:
+            begin = k
+        elif way.time[k] - way.time[begin] >= 3540.0:
+            span = way.time[k] - way.time[begin]
+            time.append((way.time[k] + way.time[begin]) / 2)
+            values.append((excess[k] - excess[begin]) / span)
+            spans.append(span)
+            begin = k
+    return np.array(time), np.array(values).reshape(-1, 2), np.array(spans)

@@ -1,0 +1,115 @@
+"""How well a law of errors fitted to some drifters suits others: likelihood, and shares in ellipses."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drift.assess.verify import along, error_law
+from drift.assess.verify.along import Ways
+from drift.assess.verify.error_law import Law, Likelihood
+from drift.tracking.tracks import clusters
+from drift.tracking.tracks.clusters import Estimate
+from geo.array import Array
+
+BLOCK = 3 * 86_400.0  # [s] of one drifter's track that is held out together: longer than errors are correlated
+LEADS = (3.0, 6.0, 12.0, 24.0)  # [h]
+SHARES = (0.5, 0.9)
+DAY = 86_400.0
+
+
+@dataclass(frozen=True)
+class Halves:
+    """The ways that are fitted, those that are held out, and how they were divided, in words."""
+
+    fitted: tuple[Ways, ...]
+    held: tuple[Ways, ...]
+    how: str
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How often the ellipse that should hold a share of the displacements over so many hours holds them."""
+
+    hours: float
+    share: float
+    held: Estimate
+
+
+@dataclass(frozen=True)
+class Held:
+    """How a law fitted to one half suits it and the other half.
+
+    own, other: log likelihood per increment of the fitted half and of the other; increments, coverage: of the other.
+    """
+
+    how: str
+    law: Law
+    own: float
+    other: float
+    increments: int
+    coverage: tuple[Coverage, ...]
+
+
+def split(ways: Sequence[Ways]) -> Halves:
+    """Return halves of every other drifter, in order of their first fixes, or every other block of days of one."""
+    if len(ways) > 1:
+        order = sorted(ways, key=lambda way: float(way.time[0]))
+        return Halves(tuple(order[0::2]), tuple(order[1::2]), f"every other of {len(ways)} drifters")
+    (way,) = ways
+    block = (way.time - way.time[0]) // BLOCK % 2
+    how = f"every other {BLOCK / DAY:g} days of the one drifter"
+    return Halves((_part(way, block == 0),), (_part(way, block == 1),), how)
+
+
+def _part(way: Ways, keep: Array) -> Ways:
+    """Return the ways between some of a drifter's fixes; a stretch begins where fixes are left out."""
+    index = np.flatnonzero(keep)
+    fresh = way.fresh[index] | (np.diff(index, prepend=-2) > 1)
+    time = way.time[index]
+    observed, model = (np.where(fresh[:, None], 0.0, values[index]) for values in (way.observed, way.model))
+    wind = None if way.wind is None else np.where(fresh[:, None], 0.0, way.wind[index])
+    return Ways(way.name, time, np.diff(time, prepend=time[:1]), fresh, observed, model, wind)
+
+
+def tested(law: Law, best: Likelihood, halves: Halves, wind: bool) -> Held:
+    """Return how a law that was fitted to one half, with its windage and mean error, suits both halves."""
+    tracks = along.residuals(halves.held, wind)
+    excess = tracks.data - tracks.regressors @ best.mean
+    residual = replace(tracks, data=excess, regressors=tracks.regressors[..., :0])
+    other = error_law.likelihood(law, residual)
+    fitted = along.residuals(halves.fitted, wind)
+    return Held(
+        halves.how,
+        law,
+        float(best.own.sum()) / max(fitted.increments, 1),
+        float(other.own.sum()) / max(tracks.increments, 1),
+        tracks.increments,
+        coverage(law, halves.held, excess),
+    )
+
+
+def coverage(law: Law, ways: Sequence[Ways], excess: Array) -> tuple[Coverage, ...]:
+    """Return the coverage of displacements that follow one another.
+
+    excess: how far drifters went beyond the model since a stretch's begin [m], (drifters, fixes, 2). The ellipse of a
+    bivariate normal with the same variance on both axes holds a share p within -2 log(1 - p) variances.
+    """
+    result = []
+    for hours in LEADS:
+        square, drifters, days = [], [], []
+        for number, way in enumerate(ways):
+            begin = 0
+            for k in range(way.time.size):
+                if way.fresh[k]:
+                    begin = k
+                elif way.time[k] - way.time[begin] >= hours * 3600 - 60:
+                    error = excess[number, k] - excess[number, begin]
+                    square.append(float(error @ error) / float(error_law.spread(law, way.time[k] - way.time[begin])))
+                    drifters.append(number)
+                    days.append(int(way.time[begin] // DAY))
+                    begin = k
+        for share in SHARES:
+            inside = np.array(square) <= -2 * np.log1p(-share)
+            result.append(Coverage(hours, share, clusters.mean(inside, drifters, days, share=True)))
+    return tuple(result)

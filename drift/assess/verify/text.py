@@ -1,0 +1,148 @@
+"""A verification as text: for a terminal, a table and the title of a picture."""
+
+import math
+
+import numpy as np
+
+from drift.assess.verify import verification
+from drift.assess.verify.verification import Verification
+from drift.engine.motion import forcing_error
+from drift.tracking.tracks.clusters import Estimate
+from geo.notation import NMI
+
+Facts = dict[str, str]
+
+MOST_LOST = 0.05  # if a larger share of the probability is lost, areas of the rest are not judged
+
+
+def verdict(share: float, held: Estimate, lost: float = 0.0) -> str:
+    """Return whether areas that should hold a share are too small, too large, or as stated.
+
+    They are as stated within two standard errors. lost: share of the probability that is on no map. Nobody knows where
+    it is, so areas of the rest cannot be judged where it is large.
+    """
+    if lost > MOST_LOST:
+        return f"not to be judged, as {lost:.0%} of the probability left the forcing; add a source beyond its edges"
+    if not math.isfinite(held.error):
+        return "too few forecasts to tell"
+    if held.mean < share - 2 * held.error:
+        return "too small"
+    return "too large" if held.mean > share + 2 * held.error else "as stated, within two standard errors"
+
+
+def sentence(result: Verification, lead: int, share: float) -> str:
+    """Return how often the area of a share held the drifter at a lead (its number), and what that means."""
+    held = result.held(lead, share)
+    return (
+        f"after {result.leads[lead]:g} h the {100 * share:.0f} % area held {percent(held)} of {held.count} positions: "
+        f"{verdict(share, held, float(result.lost.mean()))}"
+    )
+
+
+def percent(held: Estimate) -> str:
+    """Return a share with its standard error, 84 % ± 4."""
+    return f"{100 * held.mean:.0f} %{_more(100 * held.error, 0)}"
+
+
+def _more(error: float, digits: int, scale: float = 1.0) -> str:
+    """Return a standard error as text that follows its mean; "" where there is none."""
+    return f" ± {error / scale:.{digits}f}" if math.isfinite(error) else ""
+
+
+def headline(result: Verification) -> str:
+    """Return the sentence on the HEADLINE area at the end of the forecasts."""
+    text = sentence(result, len(result.leads) - 1, verification.HEADLINE)
+    return text[0].upper() + text[1:]
+
+
+def facts(result: Verification) -> Facts:
+    """Return all lines for a terminal, by name."""
+    skill = result.mean(result.skill)
+    count, days = len(result.names), np.unique(result.start // verification.DAY).size
+    lines = {
+        "forecasts": f"{result.skill.size} of {result.hours[-1]:g} h, of {count} drifter{'s' if count > 1 else ''} "
+        f"on {days} days{left_out(result)}",
+        "errors": errors(result),
+    }
+    if doubts := doubt(result):
+        lines["standard errors"] = doubts
+    lines["skill"] = (
+        f"{skill.mean:.2f}{_more(skill.error, 2)}, median {np.median(result.skill):.2f} "
+        "(Liu and Weisberg; 1 is perfect, 0 as far off as the drifter's own way)"
+    )
+    for lead, hours in enumerate(result.leads):
+        column = int(np.searchsorted(result.hours, hours))
+        apart = result.apart[:, column]
+        separation, persistence = result.mean(apart), result.mean(result.waiting[:, column])
+        lines[f"after {hours:g} h, apart"] = (
+            f"{separation.mean / NMI:.1f}{_more(separation.error, 1, NMI)} nmi, median {np.median(apart) / NMI:.1f}; "
+            f"staying put {persistence.mean / NMI:.1f}{_more(persistence.error, 1, NMI)}; "
+            f"root mean square {_rms(apart) / NMI:.1f}, "
+            f"of the particles {_rms(result.spread[:, column]) / NMI:.1f}"
+        )
+        lines[f"after {hours:g} h, held"] = ", ".join(
+            f"{100 * share:.0f} % area {percent(result.held(lead, share))}" for share in result.shares
+        )
+        if aground := _aground(result, column):
+            lines[f"after {hours:g} h, aground"] = aground
+    for name, ranks, below, above in (
+        ("along", result.along, "go slower than forecast", "go faster than forecast"),
+        ("across", result.across, "go to the left of the forecasts", "go to the right of the forecasts"),
+    ):
+        mean = result.mean(ranks[:, -1])
+        leans = abs(mean.mean - 0.5) > 2 * mean.error
+        lean = f": drifters {below if mean.mean < 0.5 else above}" if leans else ""
+        lines[f"rank {name} the drift"] = f"{mean.mean:.2f}{_more(mean.error, 2)} on average, 0.50 if unbiased{lean}"
+    lost = float(result.lost.mean())
+    if lost > 0.005:
+        lines["lost"] = f"{lost:.0%} of the probability left the forcing or the domain; areas are shares of the rest"
+    lines |= {f"note {k}": note for k, note in enumerate(result.notes, 1)}
+    lines["in short"] = headline(result)
+    return lines
+
+
+def _aground(result: Verification, column: int) -> str:
+    """Return which share of the drifters is aground, beside that of the particles.
+
+    column: the number of the time. "" where no drifter ever is, and where particles refloat: a spell of a drifter that
+    is shorter than the shortest is not known.
+    """
+    if not result.aground.any() or result.case.coast.behaviour != "strand":
+        return ""
+    drifters = result.mean(result.aground[:, column], share=True)
+    return f"{percent(drifters)} of the drifters; {100 * float(result.ashore[:, column].mean()):.0f} % of the particles"
+
+
+def left_out(result: Verification) -> str:
+    """Return how many starts were left out, by reason, as text that follows the number of forecasts."""
+    if not result.left_out:
+        return ""
+    reasons = ", ".join(f"{count:,} {reason}" for reason, count in result.left_out.items())
+    return f"; {sum(result.left_out.values()):,} starts left out: {reasons}"
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def errors(result: Verification) -> str:
+    """Return the errors with which the forecasts were made."""
+    case = result.case
+    wind_error = case.wind_error if case.scenarios[0].object.uses_wind else None
+    text = forcing_error.words(case.current_error, wind_error, case.diffusivity, case.diffusivity_by)
+    return f"{text}; start {result.error:.0f} m (50 %); object {case.scenarios[0].object.name}"
+
+
+def doubt(result: Verification) -> str:
+    """Return on how few drifters or days the standard errors rest; "" where these are enough."""
+    drifters, days = len(result.names), int(np.unique(result.block).size)
+    if drifters == 1:
+        few = ", and few of these: rough" if days < 10 else ""
+        return (
+            f"clustered by the {days} days of the one drifter{few}; other drifters may do otherwise"
+            if days > 1
+            else "none: all forecasts are of one drifter on one day"
+        )
+    if min(drifters, days) < 10:
+        return f"clustered by {drifters} drifters and {days} days: few, so rough"
+    return ""

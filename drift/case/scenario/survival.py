@@ -1,0 +1,41 @@
+"""How long people live in cold water: a published regression on its temperature.
+
+It is used only within the range of temperatures that it was made for.
+It says when an average adult's core falls to 30 degC, by heat alone: not who drowns before, nor who lives on in a raft.
+"""
+
+from drift.case.values import units
+
+# Hayward, Eckerson and Collis 1975, Thermal balance and survival time prediction of man in cold water, Can. J. Physiol.
+# Pharmacol. 53, 21-32: adults of average build, lightly clothed, in lifejackets, holding still in sea water of 4.6 to
+# 18.2 degC; survival time [min] = 15 + 7.2 / (0.0785 - 0.0034 T), T [degC].
+SOURCE = "Hayward, Eckerson and Collis 1975"
+COLDEST, WARMEST = 4.6, 18.2  # [degC] measured in
+ONSET, LOSS, COOLING, WARMTH = 15.0, 7.2, 0.0785, 0.0034  # [min], [degC], [degC/min], [1/min]
+# Ours, as the paper has none: 68 % live between half and twice the time, since people and sea states differ so much.
+SPREAD = 2.0
+OTHERS = (
+    "we know of no formula with its numbers for other clothing (survival suits: 2 to 10 times as long by the National "
+    "Search and Rescue Manual, JP 3-50, chapter 4) or for a raft; give median and spread instead"
+)
+CLOTHING = ("light",)
+
+
+def celsius(value: object) -> float:
+    """Return a water temperature [degC] that the regression holds for.
+
+    value: like "12 degC", or in another unit of temperature.
+    """
+    kelvin = units.temperature(value)
+    degrees = kelvin - units.FREEZING
+    if not COLDEST - 1e-9 <= degrees <= WARMEST + 1e-9:
+        raise ValueError(
+            f"water {value!r} is {degrees:.1f} degC; {SOURCE} measured in {COLDEST} to {WARMEST} degC. Outside give "
+            "median and spread"
+        )
+    return degrees
+
+
+def immersed(water: float) -> float:
+    """Return the median survival time [s] of lightly clothed people in water of a temperature [degC]."""
+    return 60 * (ONSET + LOSS / (COOLING - WARMTH * water))

@@ -1,0 +1,210 @@
+"""What a contact by a sensor of the case may tell, as a case file gives it: sides, errors by bearing, levels and frequencies."""
+
+import math
+from dataclasses import replace
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BeforeValidator, Field, model_validator
+
+from drift.case.context import Run
+from drift.case.sonar import sonar
+from drift.case.values import fields, units
+from drift.evidence.filter.records import Heard, Tone
+from drift.evidence.sensors.records import PodGrid, Sensor, Sonar
+from geo import sphere
+
+WIDEST = 90.0  # [deg] standard deviation of a bearing
+AHEAD = 1e-9  # [rad] within which a bearing is that of its image
+
+
+def _std(value: object) -> float:
+    degrees = units.quantity(value, "deg", "angle", "5 deg")
+    if not 0 < degrees <= WIDEST:
+        raise ValueError(f"std {degrees:g} deg must be above 0 and at most {WIDEST:g} deg")
+    return degrees
+
+
+def bearing_error(value: object) -> Any:
+    """Return the standard deviation of a bearing [deg], or rows of relative bearing and that."""
+    if not isinstance(value, list):
+        return _std(value)
+    if len(value) < 2 or not all(isinstance(row, list) and len(row) == 2 for row in value):
+        raise ValueError('std by relative bearing needs two or more rows, like [[0, "12 deg"], [90, "2 deg"]]')
+    rows = tuple((units.quantity(angle, "deg", "relative bearing", "30 deg"), _std(std)) for angle, std in value)
+    angles = [angle for angle, _ in rows]
+    if angles[0] != 0 or angles[-1] not in (90, 180):
+        raise ValueError(
+            f"std by relative bearing goes from {angles[0]:g} to {angles[-1]:g} deg; it must go from 0 to 180 deg, or to 90 "
+            "deg where it is the same ahead and astern"
+        )
+    for k in range(1, len(rows)):
+        if rows[k][0] <= rows[k - 1][0]:
+            raise ValueError(f"std: {value[k][0]!r} does not come after {value[k - 1][0]!r}")
+    return rows
+
+
+def _width(value: object) -> float:
+    degrees = units.quantity(value, "deg", "angle", "8 deg")
+    if not 0 < degrees <= 360:
+        raise ValueError(f"wedge {degrees:g} deg must be above 0 and at most 360 deg")
+    return degrees
+
+
+BearingError = Annotated[Any, BeforeValidator(bearing_error)]
+Wedge = Annotated[float, BeforeValidator(_width)]
+Side = Literal["port", "starboard"]
+
+
+class LevelTable(fields.Table):
+    """The level at which a target was received, before the array's gain."""
+
+    value: Annotated[float | None, BeforeValidator(sonar.decibels("received level", -50, 250))] = None
+    """In the band of the source level: source level - transmission loss, and the fluctuation; of a series in its file."""
+    std: Annotated[float, BeforeValidator(sonar.decibels("std", 0, 30, above=True))]
+    """Standard deviation of its error alone; the fluctuation is the sensor's."""
+
+
+class FrequencyTable(fields.Table):
+    """The frequency at which a target was received, shifted by how it and the sensor moved."""
+
+    value: sonar.Frequency | None = None
+    """As it was received; of a series in its file."""
+    std: sonar.Frequency
+    """Standard deviation of its error."""
+    source: sonar.Frequency
+    """As it was sent."""
+    source_std: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "Hz", "frequency", "0.05 Hz"))] = (
+        0.0
+    )
+    """Standard deviation of what is not known of that; each contact takes it anew, unless they are of one `source_group`."""
+    source_group: fields.Label | None = None
+    """Contacts of one group heard the same source, whose frequency each of them makes better known."""
+    sound_speed: sonar.SoundSpeed = 1500.0
+    """Of the water."""
+    speed: fields.Speed = 0.0
+    """Of what carries the sensor, over ground."""
+    course: fields.Direction | None = None
+    """Of the same; without it the heading of its array."""
+
+    @model_validator(mode="after")
+    def proper(self) -> "FrequencyTable":
+        """Refuse what the sound is too slow for, and a group that has nothing to share."""
+        wrong = []
+        if self.source_std < 0 or self.source_std > 0.2 * self.source:
+            wrong.append(f"source_std {self.source_std:g} Hz must be 0 Hz to a fifth of source, {self.source:g} Hz")
+        if self.value is not None and not 0.8 < self.value / self.source < 1.25:
+            wrong.append(
+                f"value {self.value:g} Hz and source {self.source:g} Hz: no target is fast enough to shift one to the other"
+            )
+        if self.source_group is not None and self.source_std == 0:
+            wrong.append("source_group: the source is known; give source_std, or leave source_group out")
+        fields.refuse(self, wrong)
+        return self
+
+    def tone(self) -> Tone:
+        """Return the record."""
+        assert self.value is not None
+        return Tone(self.value, self.std, self.source, self.source_std, self.sound_speed, self.source_group or "")
+
+
+class BySensorTable(fields.Table):
+    """From where something was seen: a place, or a sensor of the case."""
+
+    from_: fields.Position | None = Field(default=None, alias="from")
+    """Where it was seen from; of a sensor that has no place of its own."""
+    sensor: fields.Label | None = None
+    """The sensor of the case that saw it: its chance of detection counts, in place of `zones`."""
+    beams: list[fields.Count] | None = None
+    """Beams of its array that were processed; without it all."""
+    heading: fields.Direction | None = None
+    """Of its array, where it is towed."""
+
+    def without_sensor(self) -> list[str]:
+        """Return what is wrong with it where no sensor is named, or one beside zones."""
+        if self.sensor is not None:
+            zones = getattr(self, "zones", None) is not None
+            return ["zones and sensor: the sensor says how well it sees; leave zones out"] if zones else []
+        wrong = [] if self.from_ is not None else ["from is missing and has no default"]
+        return wrong + [
+            f"{key} is of a sensor; give sensor, or leave {key} out"
+            for key in ("beams", "heading")
+            if getattr(self, key) is not None
+        ]
+
+    def heard(self, run: Run, turns: bool = False) -> Heard | None:
+        """Return what the sensor told; None without one. turns: whether its heading matters to what was told."""
+        if self.sensor is None:
+            return None
+        sensor = sonar.named(self.sensor, run)
+        if sensor.place is not None and (self.from_ is not None or self.heading is not None):
+            raise ValueError(
+                f'sensor "{sensor.name}" stands where its table says (at); leave from and heading out here'
+            )
+        if sensor.place is None and self.from_ is None:
+            raise ValueError(f'where was sensor "{sensor.name}"? Give from here, or at in its [[sensor]] table')
+        array = turns or (isinstance(sensor.sees, Sonar) and len(sensor.sees.gain.bearing) > 1)
+        if array and sensor.place is None and self.heading is None:
+            raise ValueError(f'sensor "{sensor.name}" has an array: give its heading at the time')
+        heading = sensor.heading if sensor.place is not None else math.radians(self.heading or 0.0)
+        return Heard(sensor, sonar.beams(self.beams, sensor), heading)
+
+    def place(self, run: Run) -> tuple[float, float]:
+        """Return where it was seen from."""
+        if self.sensor is not None:
+            own = sonar.named(self.sensor, run).place
+            if own is not None:
+                return own
+        assert self.from_ is not None
+        return self.from_
+
+
+def reach(sensor: Sensor) -> float:
+    """Return the range [m] beyond which a sensor sees nothing; inf where it has none."""
+    sees = sensor.sees
+    ranges = sees.losses.range if isinstance(sees, Sonar) else sees.range
+    return math.inf if ranges is None else float(ranges[-1])
+
+
+def sided(own: Heard, bearing: float, side: Side | None) -> Heard:
+    """Return what was told with the bearing's image, where the array has one; refuse a side that it is not on.
+
+    bearing: [rad] true, as it was told.
+    """
+    mirrored = isinstance(own.sensor.sees, Sonar) and own.sensor.sees.gain.mirrored
+    if side is None:
+        return replace(own, mirrored=mirrored)
+    if not mirrored:
+        raise ValueError(
+            f'side: sensor "{own.sensor.name}" tells port from starboard, or its gain is not `mirrored`; leave side out'
+        )
+    off = float(sphere.wrap(np.float64(bearing - own.heading)))
+    if (off > AHEAD and side == "port") or (off < -AHEAD and side == "starboard"):
+        image = 2 * own.heading - bearing
+        other = "starboard" if side == "port" else "port"
+        raise ValueError(
+            f"bearing {math.degrees(bearing):.1f} is to {other} of heading {math.degrees(own.heading):.1f}; its image to {side} is "
+            f"{math.degrees(image) % 360:.1f}: give that, or leave side out"
+        )
+    return own
+
+
+def measured(own: Heard, level: LevelTable | None, frequency: FrequencyTable | None) -> Heard:
+    """Return what was told with a level and a frequency, where they are given."""
+    if isinstance(own.sensor.sees, PodGrid) and (level or frequency):
+        raise ValueError(
+            f'received_level and frequency are of a sonar; sensor "{own.sensor.name}" has POD by place: leave them out'
+        )
+    for key, table in (("received_level", level), ("frequency", frequency)):
+        if table is not None and table.value is None:
+            raise ValueError(f"{key}: value is missing and has no default")
+    if level is not None:
+        assert level.value is not None
+        own = replace(own, level=(level.value, level.std))
+    if frequency is not None:
+        if own.sensor.place is not None and (frequency.speed > 0 or frequency.course is not None):
+            raise ValueError(f'sensor "{own.sensor.name}" stands where its table says; leave speed and course out')
+        course = own.heading if frequency.course is None else math.radians(frequency.course)
+        velocity = frequency.speed * math.sin(course), frequency.speed * math.cos(course)
+        own = replace(own, tone=frequency.tone(), velocity=velocity)
+    return own

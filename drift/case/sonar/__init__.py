@@ -1,0 +1,1 @@
+"""Sonars in a case file: sensors, ships that tow arrays, and scarce processing."""

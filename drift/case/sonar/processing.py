@@ -1,0 +1,285 @@
+"""Processing that is scarce, as a case file gives it: which arrays have beams to be processed, by whom, in what slots."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator, Field, model_validator
+
+from drift.case.context import Run, named
+from drift.case.search import track as track_table
+from drift.case.search.pattern import Waypoints
+from drift.case.sonar import sonar as sonar_table
+from drift.case.values import fields, units
+from drift.case.values.mistakes import Mistakes
+from drift.evidence.filter.records import PlanSpec
+from drift.evidence.sensors.records import Listener, Processing, Sensor, Sonar, Tow
+from geo import notation, polyline
+from geo.errors import UserError
+
+LEAST_SLOT = 60.0  # [s]
+MOST_SLOTS = 1000
+MOST_PROCESSORS = 200
+FINE = 200.0  # [m] by which a track may be smoothed
+HERE = "plan.processing"
+
+
+class TowedTable(fields.Table):
+    """An array that is towed on a way that is known."""
+
+    sensor: fields.Label
+    """The sonar, a [[sensor]] without a place."""
+    name: fields.Label | None = None
+    """What the plan calls it; the sensor's name without it."""
+    waypoints: Waypoints | None = None
+    """Where it is towed, rows of time and position."""
+    track: Annotated[str, Field(min_length=1)] | None = None
+    """Or a GPX file."""
+    speed: fields.ShipSpeed | None = None
+    """At which waypoints or a track without times are passed, from `start` on."""
+    start: fields.Time | None = None
+    """When it begins, where they have no times."""
+
+    @model_validator(mode="after")
+    def one_way(self) -> "TowedTable":
+        """Refuse none or two ways, and one without times."""
+        fields.one_of(self, ("waypoints", "track"))
+        untimed = self.waypoints is not None and self.waypoints[0][0] is None
+        if untimed and (self.speed is None or self.start is None):
+            raise ValueError("waypoints without times need speed and start")
+        if not untimed and self.waypoints is not None and (self.speed is not None or self.start is not None):
+            raise ValueError("speed and start are of waypoints without times; leave them out")
+        return self
+
+    def listener(self, run: Run) -> Listener:
+        """Return the record; raise ValueError for what does not fit the run."""
+        sensor = sonar_table.named(self.sensor, run)
+        if sensor.place is not None:
+            raise ValueError(f'sensor "{sensor.name}" stands where its table says (at); give its name alone')
+        since = None if self.start is None else float(notation.epoch(units.resolve(self.start, run.start)))
+        if self.track is not None:
+            legs = polyline.thinned(track_table.made_good(self.track, "track", self.speed, since, None, run), FINE)
+        elif since is None:
+            legs = track_table.made_good(self.waypoints, "waypoints", None, None, None, run)
+        else:
+            assert self.waypoints is not None
+            assert self.speed is not None
+            lon, lat = np.array([place for _, place in self.waypoints]).T
+            legs = polyline.fly(lon, lat, since, self.speed)
+        return Listener(self.name or sensor.name, sensor, legs)
+
+
+class ProcessorTable(fields.Table):
+    """One who can work on one beam at a time."""
+
+    name: fields.Label
+    """What the plan calls it."""
+    sensors: list[fields.Label] | None = None
+    """The arrays that it can serve, by their names in `plan.processing.sensors`; without it all."""
+    manned: list[list[fields.Time]] = Field(default_factory=list)
+    """When it works, rows of from and to; without it always. A slot counts that is manned all through."""
+
+    def serves(self, listeners: Sequence[Listener], asked: Sequence[str]) -> list[bool]:
+        """Return which arrays it can serve; raise ValueError for one that is not there.
+
+        asked: of each listener the name under which the case asked for it.
+        """
+        every = dict.fromkeys([*asked, *(listener.name for listener in listeners)])
+        for name in self.sensors or ():
+            if name not in every:
+                raise ValueError(f'sensors: no sensor "{name}" in {HERE}.sensors; there are: {", ".join(every)}')
+        found = [
+            self.sensors is None or listener.name in self.sensors or name in self.sensors
+            for listener, name in zip(listeners, asked, strict=True)
+        ]
+        if not any(found):
+            raise ValueError("sensors is empty: name those that it can serve, or leave it out for all")
+        return found
+
+    def works(self, edges: Any, run: Run) -> list[bool]:
+        """Return in which slots it works; raise ValueError for hours that are none."""
+        if not self.manned:
+            return [True] * (len(edges) - 1)
+        spans = []
+        for row in self.manned:
+            if len(row) != 2:
+                raise ValueError('manned: write rows of from and to, like [["+0 h", "+8 h"]]')
+            begin, end = (units.resolve(time, run.start) for time in row)
+            if end <= begin:
+                raise ValueError(f"manned: {notation.group(end)} is not after {notation.group(begin)}")
+            spans.append((begin, end))
+        joined = _joined(spans)
+        found = [any(a <= begin and end <= b for a, b in joined) for begin, end in itertools.pairwise(edges)]
+        if not any(found):
+            raise ValueError("manned: no slot of the plan lies within these hours; give longer ones, or leave it out")
+        return found
+
+
+def _processors(value: object) -> Any:
+    if isinstance(value, list):
+        if not value:
+            raise ValueError("is empty: give how many, or a table for each")
+        return [ProcessorTable.model_validate(row) for row in value]
+    many = fields.count(value)
+    if not 1 <= many <= MOST_PROCESSORS:
+        raise ValueError(f"{many} processors; allowed are 1 to {MOST_PROCESSORS}")
+    return many
+
+
+def _sensors(value: object) -> Any:
+    if not isinstance(value, list) or not value:
+        raise ValueError('must be a list of names, like ["west", "east"], with one at least')
+    return [TowedTable.model_validate(row) if isinstance(row, dict) else _name(row) for row in value]
+
+
+def _name(value: object) -> str:
+    if not isinstance(value, str):
+        raise ValueError(f'{value!r} is no name of a sensor, nor a table like {{ sensor = "tail", waypoints = [..] }}')
+    return value
+
+
+class ProcessingTable(fields.Table):
+    """The [plan.processing] table as written."""
+
+    slot: fields.Duration
+    """How long a processor works on a beam before it may take another."""
+    processors: Annotated[int | list[ProcessorTable], BeforeValidator(_processors)]
+    """How many there are, each for any array; or a table for each, `{ name = "P1", sensors = ["west"], manned = [["+0 h", "+8 h"]] }`."""
+    sensors: Annotated[list[str | TowedTable], BeforeValidator(_sensors)]
+    """Arrays whose beams may be processed: `[[sensor]]`s that stand, or that a `[[tow]]` tows, by their names or that of the tow; or
+    `{ sensor = "tail", waypoints = [["+0 h", "36N 170W"], ["+9 h", "36N 169W"]] }`."""
+    cost: fields.Share = 0.0
+    """The chance of being heard that a beam must add to be worth a processor's slot."""
+    today: dict[str, list[fields.Count]] | None = None
+    """Beams by number from 1 that are processed all the time today, `{ west = [3, 4] }`: what that is worth is told beside the plan."""
+
+    def processing(self, run: Run, plan: PlanSpec, tows: Sequence[Tow]) -> Processing:
+        """Return the record; raise one UserError for all that is wrong."""
+        wrong = Mistakes()
+        edges = np.array([plan.begin, plan.until])
+        with wrong.gathered():
+            edges = self._edges(plan)
+        found: list[tuple[str, Listener]] = []
+        for number, asked in enumerate(self.sensors, 1):
+            with wrong.gathered(f"{HERE}.sensors"):
+                found += _listeners(asked, number, run, tows)
+        wrong.refuse()
+        listeners = tuple(listener for _, listener in found)
+        names = [listener.name for listener in listeners]
+        for name in dict.fromkeys(names):
+            if names.count(name) > 1:
+                wrong.lines.append(
+                    f'{HERE}.sensors: two are called "{name}"; name each once, a towed one by a name of its own'
+                )
+        tables: Sequence[ProcessorTable] = self._each()
+        serves, manned = [], []
+        with wrong.gathered():
+            named([table.name for table in tables], "processor")
+        for table in tables:
+            with wrong.gathered(f'{HERE}.processors "{table.name}"'):
+                serves.append(table.serves(listeners, [asked for asked, _ in found]))
+                manned.append(table.works(edges, run))
+        today = None
+        with wrong.gathered(f"{HERE}.today"):
+            today = self._today(listeners)
+        wrong.refuse()
+        processors = tuple(table.name for table in tables)
+        made = Processing(edges, listeners, processors, np.array(serves), np.array(manned).T, self.cost, today)
+        most = int(made.manned.sum(axis=1).max())
+        if most > sum(made.beams):
+            raise UserError(
+                f"{HERE}.processors: {most} work at a time, and there are {sum(made.beams)} beams; give at most as many processors "
+                "as beams"
+            )
+        return made
+
+    def _edges(self, plan: PlanSpec) -> Any:
+        """Return when slots begin and end; the last may be shorter."""
+        span = float((plan.until - plan.begin) / np.timedelta64(1, "s"))
+        if self.slot < LEAST_SLOT:
+            raise ValueError(f"{HERE}.slot: {self.slot:g} s; at least {LEAST_SLOT:g} s")
+        if self.slot > span:
+            raise ValueError(
+                f"{HERE}.slot: {_hours(self.slot)} is longer than the plan, {_hours(span)} from {notation.group(plan.begin)} to "
+                f"{notation.group(plan.until)}; give a shorter slot, or begin and until in [plan]"
+            )
+        many = math.ceil(span / self.slot - 1e-6)
+        if many > MOST_SLOTS:
+            raise ValueError(f"{HERE}.slot: the plan has {many:,} slots of {_hours(self.slot)}; at most {MOST_SLOTS:,}")
+        seconds = np.minimum(np.round(np.arange(many + 1) * self.slot), span)
+        return plan.begin + seconds.astype("timedelta64[s]")
+
+    def _each(self) -> Sequence[ProcessorTable]:
+        """Return a table for each processor."""
+        if isinstance(self.processors, int):
+            return [ProcessorTable(name=f"P{k + 1}") for k in range(self.processors)]
+        tables: Sequence[ProcessorTable] = self.processors
+        return tables
+
+    def _today(self, listeners: Sequence[Listener]) -> tuple[tuple[int, ...], ...] | None:
+        if self.today is None:
+            return None
+        names = [listener.name for listener in listeners]
+        for name in self.today:
+            if name not in names:
+                raise ValueError(f'no sensor "{name}" in {HERE}.sensors; there are: {", ".join(names)}')
+        return tuple(
+            sonar_table.beams(self.today[listener.name], listener.sensor) if self.today.get(listener.name) else ()
+            for listener in listeners
+        )
+
+
+def _listeners(asked: Any, number: int, run: Run, tows: Sequence[Tow]) -> list[tuple[str, Listener]]:
+    """Return the arrays that a row of sensors asks for, each with the name by which it was asked for."""
+    if isinstance(asked, TowedTable):
+        try:
+            found = [asked.listener(run)]
+        except (ValueError, UserError) as error:
+            raise ValueError(f"{number}: {error}") from None
+    elif asked not in run.sensors and asked in [tow.name for tow in tows]:
+        found = [Listener(tow.name, tow.sensor, tow=tow.name) for tow in tows if tow.name == asked]
+    else:
+        found = _by_sensor(sonar_table.named(asked, run), tows)
+    for listener in found:
+        _check(listener.sensor)
+    return [(asked.name or asked.sensor if isinstance(asked, TowedTable) else asked, listener) for listener in found]
+
+
+def _by_sensor(sensor: Sensor, tows: Sequence[Tow]) -> list[Listener]:
+    """Return the arrays that are a sensor: one that stands, or as many as ships tow it."""
+    if sensor.place is not None or not isinstance(sensor.sees, Sonar):
+        return [Listener(sensor.name, sensor)]
+    own = [tow for tow in tows if tow.sensor.name == sensor.name]
+    if not own:
+        raise ValueError(
+            f'where is sensor "{sensor.name}"? It has no place (at): give a [[tow]] that tows it, or '
+            f'{{ sensor = "{sensor.name}", waypoints = [["+0 h", "36N 170W"], ..] }}'
+        )
+    return [Listener(sensor.name if len(own) == 1 else tow.name, sensor, tow=tow.name) for tow in own]
+
+
+def _check(sensor: Sensor) -> None:
+    if not isinstance(sensor.sees, Sonar):
+        raise ValueError(f'sensor "{sensor.name}" is no sonar: beams of sonars are processed')
+    if len(sensor.sees.gain.beams) < 2:
+        raise ValueError(
+            f'sensor "{sensor.name}" has no beams to choose among; give its sonar gain = {{ line = {{ elements, spacing, frequency }} }}, '
+            "or leave it out"
+        )
+
+
+def _joined(spans: Sequence[tuple[np.datetime64, np.datetime64]]) -> list[tuple[np.datetime64, np.datetime64]]:
+    """Return spans of time in order, those that meet as one."""
+    found: list[tuple[np.datetime64, np.datetime64]] = []
+    for begin, end in sorted(spans):
+        if found and begin <= found[-1][1]:
+            found[-1] = (found[-1][0], max(found[-1][1], end))
+        else:
+            found.append((begin, end))
+    return found
+
+
+def _hours(seconds: float) -> str:
+    return f"{seconds / 3600:.3g} h"

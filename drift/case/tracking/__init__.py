@@ -1,0 +1,1 @@
+"""Files of `drift track`, of tracking experiments and of `drift bridge`."""

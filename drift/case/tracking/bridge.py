@@ -1,0 +1,236 @@
+"""The file of `drift bridge`: way points, how far it strays between them, lines, and what is asked, as TOML.
+
+It is a small file of its own, not a case: no forcing, no particles. Its words are those of cases. Every mistake is found here,
+all of them at once, a line each.
+"""
+
+import os
+import tomllib
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from drift.case.values import fields, messages, mistakes, units
+from drift.case.values.mistakes import Mistakes
+from drift.case.values.places import EllipseTable, ErrorTable
+from drift.tracking.bridges import bridge as bridges
+from drift.tracking.bridges import crossing
+from drift.tracking.bridges.study import Study
+from geo import notation
+from geo.array import Array
+from geo.errors import UserError
+from geo.files import small
+
+LARGEST = 2**20  # [bytes] of such a file
+INNER = 5  # times between departure and arrival that are told by default
+MOST = 1000  # times that may be asked for
+
+
+def _correlation(value: object) -> Array:
+    """Return the correlation of two places' errors, (2, 2): rows east and north of the first, columns of the second."""
+    single = isinstance(value, int | float) and not isinstance(value, bool)
+    try:
+        matrix = np.asarray(np.eye(2) * float(str(value)) if single else value, np.float64)
+    except (TypeError, ValueError):
+        matrix = np.empty(0)
+    if matrix.shape != (2, 2) or not (np.abs(matrix) <= 1).all():
+        raise ValueError(
+            f"correlation {value!r} must be a number from -1 to 1, for east and north alike, or [[ee, en], [ne, nn]] of such"
+        )
+    return matrix
+
+
+class PointTable(fields.Table):
+    """A way point: where, when, and how well that is known."""
+
+    at: fields.Position
+    """Where."""
+    time: fields.Time
+    """When; relative times count from the first point's."""
+    name: fields.Label | None = None
+    """What it is called."""
+    error: fields.Length | None = None
+    """Radius that holds half of the probability; known exactly without any error."""
+    std: fields.LengthPair | None = None
+    """Standard deviation; of two, along `orientation` and across it."""
+    orientation: fields.Direction | None = None
+    """Of two standard deviations."""
+    ellipse: EllipseTable | None = None
+    """An ellipse that holds a probability."""
+    correlation: Annotated[Any, BeforeValidator(_correlation)] = None
+    """Of its error with that of the point before; a number, or a matrix of two rows."""
+
+    @model_validator(mode="after")
+    def proper(self) -> "PointTable":
+        """Refuse two ways of giving the error."""
+        self.covariance()
+        return self
+
+    def covariance(self) -> Array:
+        """Return the covariance of the place's error, east and north [m2], (2, 2)."""
+        given = {name: getattr(self, name) for name in ("error", "std", "orientation", "ellipse")}
+        given = {name: value for name, value in given.items() if value is not None}
+        if not given:
+            return np.zeros((2, 2))
+        wrong = [name for name in ("error", "std", "ellipse") if name in given]
+        if len(wrong) != 1:
+            found = " and ".join(wrong) or "orientation alone"
+            raise ValueError(f"one of error, std and ellipse says how well the place is known; found {found}")
+        if "orientation" in given and "std" not in given:
+            raise ValueError("orientation belongs to std; an ellipse has its own inside its table")
+        if self.std is not None and self.std[0] != self.std[1] and self.orientation is None:
+            raise ValueError("std has two values: give orientation too, of the first, in degrees true")
+        long, short, turn = ErrorTable(**given).axes()
+        axes = np.array([[np.sin(turn), np.cos(turn)], [np.cos(turn), -np.sin(turn)]])
+        return np.asarray(axes.T @ np.diag([long**2, short**2]) @ axes)
+
+
+class LineTable(fields.Table):
+    """A line: the great circle through two positions."""
+
+    name: fields.Label
+    """What it is called."""
+    through: Annotated[list[fields.Position], Field(min_length=2, max_length=2)]
+    """Two positions; the great circle through them, all the way round."""
+
+    def line(self) -> crossing.Line:
+        """Return the line."""
+        return crossing.through(self.name, *np.array(self.through).T)
+
+    @model_validator(mode="after")
+    def proper(self) -> "LineTable":
+        """Refuse two positions that tell no great circle."""
+        self.line()
+        return self
+
+
+class OutputTable(fields.Table):
+    """What is asked for."""
+
+    times: list[fields.Time] | None = None
+    """Times that are told."""
+    every: fields.Duration | None = None
+    """Or one every so often; by default five in between."""
+    areas: fields.Percents = (0.5, 0.9)
+    """Per cent whose ellipses are told."""
+    percentiles: fields.Percents = (0.05, 0.5, 0.95)
+    """Per cent of the time of the first touch."""
+    coast: str = "gshhg"
+    """Shoreline on the picture: `"gshhg"`, `"none"` or a file."""
+
+    @model_validator(mode="after")
+    def one_kind(self) -> "OutputTable":
+        """Refuse two ways of giving times."""
+        if self.times is not None and self.every is not None:
+            raise ValueError("give times or every, not both")
+        return self
+
+
+class BridgeTable(fields.Table):
+    """The whole file."""
+
+    title: fields.Label
+    """What it is called."""
+    k: fields.SpreadRate
+    """The spread rate K, like `"12 nmi/sqrt(h)"`."""
+    point: Annotated[list[PointTable], Field(min_length=2)]
+    """Two or more, in order of time."""
+    line: list[LineTable] = Field(default_factory=list)
+    """Of which the first touch is asked."""
+    output: OutputTable = OutputTable()
+    """What is told, and when."""
+
+
+def load(path: str | os.PathLike[str], spread_rate: str | None = None) -> Study:
+    """Return what a file asks of its bridge; spread_rate: another K than the file's, as text.
+
+    Raises one UserError for whatever is wrong with it, a line for each mistake.
+    """
+    path = Path(path)
+    try:
+        data = tomllib.loads(small.contents(path, LARGEST).decode("utf-8-sig"))
+    except OSError as error:
+        raise UserError(f'bridge "{str(path)[:300]}": cannot be read: {error.strerror}') from None
+    except UnicodeDecodeError:
+        raise UserError(f'bridge "{path}": is not text in UTF-8') from None
+    except (ValueError, RecursionError) as error:
+        raise UserError(f"{path.name}: not valid TOML: {error}") from None
+    if spread_rate is not None:
+        data["k"] = spread_rate
+    try:
+        return study(BridgeTable.model_validate(data, context={"whole": BridgeTable}), path.absolute().parent)
+    except ValidationError as error:
+        raise _refusal(path, messages.lines(error, data)) from None
+    except (UserError, ValueError) as error:
+        raise _refusal(path, error.lines if isinstance(error, UserError) else (str(error),)) from None
+    except OverflowError:  # integers beyond the largest float
+        raise UserError(f"{path.name}: one of its whole numbers is too large") from None
+
+
+def _refusal(path: Path, lines: Sequence[str]) -> UserError:
+    return UserError(*(f"{path.name}: {' '.join(line.split())}" for line in mistakes.shortened(tuple(lines))))
+
+
+def study(table: BridgeTable, folder: Path) -> Study:
+    """Return what a file's tables ask for; folder: where a shoreline file is looked for. Raises UserError."""
+    start = table.point[0].time
+    if isinstance(start, np.timedelta64):
+        raise UserError("point 1: its time must be a date and time; times like +6 h count from it")
+    moments = np.array([units.resolve(point.time, start) for point in table.point])
+    lon, lat = np.array([point.at for point in table.point]).T
+    wrong = Mistakes()
+    with wrong.gathered():
+        bridge = bridges.between(lon, lat, moments, table.k, _covariance(table.point))
+    wrong.refuse()
+    seconds = _times(table.output, start, bridge.time, wrong)
+    coast = table.output.coast
+    if coast.lower() not in ("gshhg", "none") and not (folder / coast).is_file():
+        wrong.lines.append(f'output.coast: no file "{coast}"; give "gshhg", "none" or a shoreline file')
+    wrong.refuse()
+    names = tuple(point.name or f"way point {k}" for k, point in enumerate(table.point, 1))
+    return Study(
+        table.title, bridge, names, tuple(line.line() for line in table.line), seconds, table.output.areas,
+        table.output.percentiles, coast if coast.lower() in ("gshhg", "none") else str(folder / coast),
+    )  # fmt: skip
+
+
+def _covariance(points: Sequence[PointTable]) -> Array:
+    """Return the covariance of all way points' errors, (2 n, 2 n) [m2]."""
+    blocks = [point.covariance() for point in points]
+    whole = np.zeros((2 * len(points),) * 2)
+    for k, block in enumerate(blocks):
+        whole[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = block
+    if points[0].correlation is not None:
+        raise UserError("point 1.correlation: is with the point before, and there is none; give it at the later point")
+    for k, (before, after) in enumerate(pairwise(range(len(points)))):
+        if points[after].correlation is not None:
+            scale = np.outer(*(np.sqrt(np.diag(blocks[side])) for side in (before, after)))
+            cross = points[after].correlation * scale
+            whole[2 * k : 2 * k + 2, 2 * k + 2 : 2 * k + 4] = cross
+            whole[2 * k + 2 : 2 * k + 4, 2 * k : 2 * k + 2] = cross.T
+    return whole
+
+
+def _times(output: OutputTable, start: np.datetime64, time: Array, wrong: Mistakes) -> Array:
+    """Return the times that are asked for [s since 1970]; time: of the way points."""
+    begin, end = float(time[0]), float(time[-1])
+    if output.every is not None:
+        count = int((end - begin) / output.every) + 1
+        if count > MOST:
+            wrong.lines.append(f"output.every: asks for {count:,} times; at most {MOST:,} are told")
+            return time
+        return begin + output.every * np.arange(count)
+    if output.times is None:
+        return np.linspace(begin, end, INNER + 2)[1:-1]
+    moments = [units.resolve(moment, start) for moment in output.times]
+    for moment in moments:
+        if not begin <= notation.epoch(moment) <= end:
+            wrong.lines.append(
+                f"output.times: {notation.group(moment)} is outside the bridge, {notation.group(np.datetime64(int(begin), 's'))} to "
+                f"{notation.group(np.datetime64(int(end), 's'))}"
+            )
+    return notation.epochs(np.array(moments)).astype(np.float64)

@@ -1,0 +1,1 @@
+"""Values as a case file writes them: quantities, positions, times, tables of rows."""

@@ -1,0 +1,168 @@
+"""Places of the case file: a position with its error, an area, and when what is there went adrift."""
+
+import math
+
+import numpy as np
+from pydantic import model_validator
+
+from drift.case.values import fields, units
+from drift.engine.motion.scenario import AreaPrior, Displacement, PositionPrior
+from geo import notation, sphere
+
+LONGEST_EDGE = 90.0  # [deg] of longitude, of a polygon's edge
+NARROWEST = 1e-5  # [deg] least area of a polygon over its outline, which is half its width: 1 m
+
+
+class WindowTable(fields.Table):
+    """When it went adrift: a time (default: the start), or unknown between time and until."""
+
+    time: fields.Time = np.timedelta64(0, "s")
+    """When it went adrift, at the earliest where `until` is given."""
+    until: fields.Time | None = None
+    """The latest time; all in between are equally likely."""
+
+    def window(self, start: np.datetime64) -> tuple[np.datetime64, np.datetime64]:
+        """Return the first and the last time of release."""
+        first = units.resolve(self.time, start)
+        last = first if self.until is None else units.resolve(self.until, start)
+        if last < first:
+            raise ValueError(f"until {notation.group(last)} is before time {notation.group(first)}")
+        return first, last
+
+
+class EllipseTable(fields.Table):
+    """An error ellipse: semi-axes, orientation of the major one, probability of being inside."""
+
+    major: fields.Length
+    """Longer semi-axis."""
+    minor: fields.Length
+    """Shorter semi-axis."""
+    orientation: fields.Direction
+    """Of the longer one."""
+    probability: fields.Share = 0.5
+    """Of being inside."""
+
+    @model_validator(mode="after")
+    def proper(self) -> "EllipseTable":
+        """Refuse swapped axes and a probability that no ellipse has."""
+        if self.minor > self.major:
+            raise ValueError("minor is longer than major; orientation belongs to the major axis")
+        if not 0 < self.probability < 1:
+            raise ValueError(f"probability {self.probability:g} must lie between 0 and 1, like 0.5 or 0.95")
+        return self
+
+
+class DisplacementTable(fields.Table):
+    """An unknown move before drifting: distance range and direction sector (toward, degrees true)."""
+
+    distance: fields.LengthRange
+    """How far it moved, or [least, most]."""
+    direction: fields.Sector = (0.0, 360.0)
+    """Toward which directions, clockwise from the first to the second."""
+
+
+class ErrorTable(fields.Table):
+    """The error of a position: std, ellipse, or the radius that holds 50 %."""
+
+    std: fields.LengthPair | None = None
+    """Standard deviation; of two, along `orientation` and across it."""
+    orientation: fields.Direction | None = None
+    """Of two standard deviations."""
+    ellipse: EllipseTable | None = None
+    """An ellipse that holds a probability."""
+    error: fields.Length | None = None
+    """Radius that holds half of the probability."""
+
+    @model_validator(mode="after")
+    def one_error(self) -> "ErrorTable":
+        """Refuse none or two ways of giving the error, and an ellipse without its direction."""
+        kind = fields.one_of(self, ("std", "ellipse", "error"))
+        unequal = self.std is not None and self.std[0] != self.std[1]
+        if unequal and self.orientation is None:
+            raise ValueError("std has two values: give orientation too, of the first, in degrees true")
+        if self.orientation is not None and kind != "std":
+            raise ValueError("orientation belongs to std here; an ellipse has its own inside its table")
+        return self
+
+    def axes(self) -> tuple[float, float, float]:
+        """Return standard deviations along and across the major axis [m] and its orientation [rad]."""
+        if self.ellipse is not None:
+            # A bivariate normal holds 1 - exp(-k^2/2) inside k standard deviations.
+            scale = math.sqrt(-2 * math.log1p(-self.ellipse.probability))
+            turn = math.radians(self.ellipse.orientation)
+            return self.ellipse.major / scale, self.ellipse.minor / scale, turn
+        if self.error is not None:
+            std = self.error / math.sqrt(2 * math.log(2))
+            return std, std, 0.0
+        along, across = self.std or (0.0, 0.0)
+        turn = math.radians(self.orientation or 0.0)
+        return (along, across, turn) if along >= across else (across, along, turn + math.pi / 2)
+
+
+class PositionTable(ErrorTable, WindowTable):
+    """A position report with its error, and an unknown move before drifting."""
+
+    at: fields.Position
+    """The position reported."""
+    displacement: DisplacementTable | None = None
+    """An unknown move between the report and going adrift."""
+
+    def prior(self, start: np.datetime64) -> PositionPrior:
+        """Return the prior for a case that starts at `start`."""
+        moved = None
+        if self.displacement is not None:
+            first, second = self.displacement.direction
+            moved = Displacement(self.displacement.distance, (math.radians(first), math.radians(second)))
+        lon, lat = (math.radians(angle) for angle in self.at)
+        return PositionPrior(lon, lat, *self.axes(), moved, *self.window(start))
+
+
+class AreaTable(WindowTable):
+    """An area: corners in order, without crossing."""
+
+    polygon: list[fields.Position]
+    """Three corners or more, in order; edges straight in longitude and latitude."""
+
+    @model_validator(mode="after")
+    def simple(self) -> "AreaTable":
+        """Refuse what encloses no area, or not one."""
+        self.corners()
+        return self
+
+    def corners(self) -> list[tuple[float, float]]:
+        """Return the corners [deg], longitude without jumps."""
+        import shapely  # here, since an area is rare and the import takes 0.1 s
+
+        points = [point for point, before in zip(self.polygon, [None, *self.polygon], strict=False) if point != before]
+        points = points[:-1] if len(points) > 1 and points[0] == points[-1] else points
+        if len(points) < 3:
+            raise ValueError(f"polygon has {len(points)} corners; at least 3 are needed")
+        lon, lat = np.array(points).T
+        steps = sphere.wrap_degrees(np.diff(lon, append=lon[0]))
+        if abs(steps.sum()) > 1:
+            raise ValueError("polygon goes round a pole; split it into areas that don't")
+        if np.abs(steps).max() > LONGEST_EDGE:
+            (west, south), (east, north) = points[k := int(np.argmax(np.abs(steps)))], points[(k + 1) % len(points)]
+            raise ValueError(
+                f"polygon's edge from [{west:g}, {south:g}] to [{east:g}, {north:g}] is {abs(steps[k]):.0f} degrees of "
+                f"longitude wide: which way round is not clear; put corners at most {LONGEST_EDGE:g} degrees apart"
+            )
+        unwrapped = lon[0] + np.concatenate([[0.0], np.cumsum(steps[:-1])])
+        shape = shapely.Polygon(np.column_stack([unwrapped, lat]))
+        if not shape.is_valid or shape.area == 0:
+            raise ValueError(f"polygon {_fault(shapely.is_valid_reason(shape))}; give its corners in order")
+        if shape.area < NARROWEST * shape.length:
+            raise ValueError("polygon is narrower than 2 m, too narrow to lie in; give a position or a trackline")
+        return list(zip(unwrapped.tolist(), lat.tolist(), strict=True))
+
+    def prior(self, start: np.datetime64) -> AreaPrior:
+        """Return the prior for a case that starts at `start`."""
+        lon, lat = np.radians(np.array(self.corners())).T
+        return AreaPrior(tuple(lon.tolist()), tuple(lat.tolist()), *self.window(start))
+
+
+def _fault(reason: str) -> str:
+    if reason.startswith("Self-intersection"):
+        lon, lat = (float(part) for part in reason[reason.index("[") + 1 : -1].split())
+        return f"crosses itself near [{sphere.wrap_degrees(lon):.3f}, {lat:.3f}] (lon, lat)"
+    return "encloses no area" if reason == "Valid Geometry" else f"is not simple ({reason})"

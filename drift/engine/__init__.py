@@ -1,0 +1,1 @@
+"""What moves: particles, their motion, and the environment in which they drift."""

@@ -1,0 +1,97 @@
+"""Winds and currents at places and times, on the host: what arrows on maps and the report show.
+
+Particles are moved by the same slices on the device (drift.engine.motion.forcing); here they are read for some hundred places.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.engine.motion.forcing import Sources
+from geo import notation
+from geo.array import Array
+from geo.box import Box
+from geo.forcing.quantity import QUANTITIES
+from geo.forcing.reading.stream import Bracket, Slices
+from geo.forcing.sources import Source
+from geo.grids.grid import Grid, sample
+
+ACROSS = 14  # arrows along the longer side of a map
+
+
+def at(sources: Sources, quantity: str, times: npt.NDArray[np.datetime64], lon: Array, lat: Array) -> Array:
+    """Return a quantity at places [deg] (m,) and times (t,): east and north [m/s], (t, m, 2), NaN where there is none.
+
+    As for particles, of sources by priority the first with a value at a place counts, and what is added to it must have one too.
+    Of an ensemble it is the mean of its members.
+    """
+    moments = notation.epochs(times).tolist()
+    total = np.full((len(moments), len(lon), 2), np.nan)
+    with ThreadPoolExecutor(1) as pool:
+        for number, term in enumerate(sources.terms(quantity)):
+            values = np.full_like(total, np.nan)
+            for source, cells in _tiles(sources, quantity, term):
+                members = [Slices(member, cells, 1, pool) for member in source.members]
+                for k, moment in enumerate(moments):
+                    missing = np.isnan(values[k]).any(axis=1)
+                    if missing.any():
+                        place = source.grid, moment, lon[missing], lat[missing]
+                        values[k, missing] = sum(_then(slices, *place) for slices in members) / len(members)
+            total = values if number == 0 else total + values
+    return total
+
+
+@dataclass(frozen=True)
+class Flow:
+    """A quantity at places [deg] (m,) and times (t,): velocity east and north [m/s], (t, m, 2), NaN where there is none."""
+
+    time: npt.NDArray[np.datetime64]
+    lon: Array
+    lat: Array
+    velocity: Array
+
+
+def over(sources: Sources, box: Box, times: npt.NDArray[np.datetime64]) -> dict[str, Flow]:
+    """Return what flows over a box, at places spread over it: ACROSS along its longer side, by quantity."""
+    lon, lat = lattice(box, ACROSS)
+    there = [quantity for quantity in QUANTITIES if sources.of(quantity)]
+    return {quantity: Flow(times, lon, lat, at(sources, quantity, times, lon, lat)) for quantity in there}
+
+
+def lattice(box: Box, across: int) -> tuple[Array, Array]:
+    """Return places (lon, lat) [deg] (m,) spread over a box, so many along its longer side."""
+    high = box.north - box.south
+    wide = (box.east - box.west) * np.cos(np.radians((box.north + box.south) / 2))
+    step = max(high, wide, 1e-3) / across
+    rows, columns = (max(int(side / step), 1) for side in (high, wide))
+    lat = box.south + (np.arange(rows) + 0.5) * high / rows
+    lon = box.west + (np.arange(columns) + 0.5) * (box.east - box.west) / columns
+    x, y = np.meshgrid(lon, lat)
+    return x.ravel(), y.ravel()
+
+
+def _tiles(sources: Sources, quantity: str, term: Sequence[Source]) -> list[tuple[Source, int]]:
+    """Return the sources of a term with how deep each is filled [cells]: several first as they are, then filled."""
+    filled = [(source, sources.cells.get((quantity, source.name), 0)) for source in term]
+    return [*((source, 0) for source in term), *filled] if len(term) > 1 else filled
+
+
+def _then(slices: Slices, grid: Grid, moment: int, lon: Array, lat: Array) -> Array:
+    """Return the values of a source at a time [s since 1970] and places [deg] (m,), (m, 2)."""
+    for low, high, end in (
+        (moment, moment + 1, 0),
+        (moment - 1, moment, 1),
+    ):  # at its last node a source has the step before
+        bracket = slices.bracket(low, high)
+        if bracket is not None:
+            weight = (bracket.low, bracket.high)[end]
+            return sample(grid, _blended(slices, bracket, weight), lon, lat)
+    return np.full((len(lon), 2), np.nan)
+
+
+def _blended(slices: Slices, bracket: Bracket, weight: float) -> Array:
+    earlier = slices.get(bracket.earlier)
+    return earlier if weight == 0 else np.asarray((1 - weight) * earlier + weight * slices.get(bracket.later))

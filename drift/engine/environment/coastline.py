@@ -1,0 +1,147 @@
+"""The coast of a run: all that can be met within its domain.
+
+About reported positions, which must not lie on land, the coast keeps its full detail.
+"""
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import astuple
+
+import numpy as np
+
+from drift.engine.environment import sailable
+from drift.engine.environment.environment_spec import Coast
+from drift.engine.motion import models
+from drift.engine.motion.ensemble_spec import EnsembleSpec
+from geo import notation, sphere
+from geo.array import Array
+from geo.box import Box
+from geo.coast import edges as shoreline
+from geo.coast import shore
+from geo.coast.shore import Shore
+from geo.errors import UserError
+from geo.forcing.sources import Source
+
+MARGIN = 0.25  # [deg] more than a step
+LATTICE = 5.0  # [deg] to which boxes of land beyond the coast are rounded outward
+OUTWARD = (math.floor, math.floor, math.ceil, math.ceil)
+NEAR = 1.0  # [deg] about a reported position within which full detail says whether it lies on land
+
+
+def around(spec: EnsembleSpec, box: Box, sources: Sequence[Source]) -> Box:
+    """Return the box of the coast for a domain: where its sources know a current, and a little further.
+
+    It is the whole domain where a scenario's objects go on without a current. sources: those whose values are not only
+    added to others'.
+    """
+    reached = _shrunk(box, sources) if models.forced(spec.scenarios) else box
+    # A last step may lead out of the domain.
+    return reached.grown(MARGIN / np.cos(np.radians(min(abs(box.north), 80))), MARGIN)
+
+
+def opened(
+    spec: EnsembleSpec,
+    asked: Coast,
+    box: Box,
+    seen: Callable[[Shore], Shore] | None,
+    shared: tuple[Shore, shoreline.Coast | None] | None,
+) -> tuple[Shore, shoreline.Coast | None]:
+    """Return the land in a box and its coast, None where there is none.
+
+    Raises UserError for a position that was reported on land, and for lanes, voyages and areas of patrol that touch it.
+
+    seen: what of the land's detail is wanted, all of it unless a function says; shared: land and coast, where other
+    runs have built them.
+    """
+    if shared:
+        whole, coast = shared
+        own = whole
+    else:
+        whole = shore.land(asked.source, box, asked.lakes)
+        own = seen(whole) if seen and not spec.release else whole
+        coast = shoreline.build(own, box) if own.polygons.size else None
+    _check_ways(spec, asked, box, whole, coast if own is whole else None)
+    if coast is not None:
+        for scenario in spec.scenarios:
+            story = "[spill]" if spec.release else f'scenario "{scenario.name}"'
+            at = scenario.prior.reported if scenario.prior else None
+            if at:
+                _check_water(story, *at, coast if own is whole else _about(*at, whole))
+    return own, coast
+
+
+def lands(coast: shoreline.Coast | None, asked: Coast) -> Callable[[Box], Array]:
+    """Return what returns the land polygons [deg] of a run in a box.
+
+    They are those of its coast, or read anew if the box reaches beyond it: once for boxes that are nearly the same.
+    """
+
+    @functools.cache
+    def read(box: Box) -> Array:
+        return shore.land(asked.source, box, asked.lakes).polygons
+
+    def land(box: Box) -> Array:
+        if coast is not None and shoreline.covers(coast, box):
+            return coast.polygons
+        west, south, east, north = (f(v / LATTICE) * LATTICE for f, v in zip(OUTWARD, astuple(box), strict=True))
+        return read(Box(west, south, east, north))
+
+    return land
+
+
+def _shrunk(box: Box, sources: Sequence[Source]) -> Box:
+    """Return the part of a box for which there is a current: no coast is needed elsewhere."""
+    extents = [source.grid.box for source in sources if source.quantity == "current"]
+    if box.east - box.west > 180 or any(extent.east - extent.west >= 360 for extent in extents):
+        return box
+    south, north = max(box.south, min(e.south for e in extents)), min(box.north, max(e.north for e in extents))
+    if south >= north:
+        return box
+    # Longitudes relative to the box's west: extents may be written a turn away.
+    begins = [sphere.wrap_degrees(e.west - box.west) for e in extents]
+    ends = [begin + e.east - e.west for begin, e in zip(begins, extents, strict=True)]
+    west, east = max(0.0, min(begins)), min(box.east - box.west, max(ends))
+    if west >= east:
+        return box
+    start = sphere.wrap_degrees(box.west + west)
+    return Box(start, south, start + east - west, north)
+
+
+def _about(lon: float, lat: float, land: Shore) -> shoreline.Coast:
+    """Return the coast in full about a reported position [deg]."""
+    west = sphere.wrap_degrees(lon - NEAR)
+    south, north = max(lat - NEAR, -90.0), min(lat + NEAR, 90.0)
+    box = Box(west, south, west + 2 * NEAR, north)
+    cut = box.grown(MARGIN, MARGIN)
+    return shoreline.build(Shore(shore.clip(land.polygons, cut), land.source, box=cut), box)
+
+
+def _check_ways(spec: EnsembleSpec, asked: Coast, box: Box, whole: Shore, coast: shoreline.Coast | None) -> None:
+    """Refuse itineraries over land; whole: the land in the box; coast: in full detail, None where it is not built."""
+    need = sailable.box(spec.scenarios)
+    if need is None:
+        return
+    inside = box.south <= need.south and need.north <= box.north
+    inside &= sphere.wrap_degrees(need.west - box.west) % 360 + need.east - need.west <= box.east - box.west
+    if not inside:  # the case's own domain is smaller than its ways, or its sources are
+        whole, coast = shore.land(asked.source, need, asked.lakes), None
+    if coast is None and whole.polygons.size:
+        coast = shoreline.build(whole, box if inside else need)
+    if coast is not None:
+        sailable.refuse(spec.scenarios, coast)
+
+
+def _check_water(story: str, lon: float, lat: float, coast: shoreline.Coast) -> None:
+    """Refuse a reported position [deg] on land."""
+    if not shoreline.is_land(coast, sphere.to_binary(lon), sphere.to_binary(lat)).any():
+        return
+    water = shoreline.nearest_water(coast, lon, lat)
+    hint = (
+        f"the nearest water is {water[2] / 1852:.1f} nmi away, at {notation.position(*water[:2])}"
+        if water
+        else "no water near"
+    )
+    raise UserError(
+        f"{story}.position.at: {notation.stated_position(lon, lat)} lies on land; {hint}. Move it, or give an area"
+    )

@@ -1,0 +1,168 @@
+"""The domain of a run: the box outside which a particle has left.
+
+By default it holds all that anything adrift can reach.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from drift.engine.environment.environment_spec import EnvironmentSpec
+from drift.engine.environment.forcing_spec import ForcingSpec
+from drift.engine.motion import drift
+from drift.engine.motion.ensemble_spec import EnsembleSpec
+from drift.engine.motion.models import MODELS
+from drift.engine.motion.scenario import Scenario
+from geo import sphere
+from geo.box import Box
+from geo.forcing.quantity import QUANTITIES, Quantity
+from kernels.step import advance
+
+FASTEST_CURRENT = 2.5  # [m/s] with which a domain is computed where the case states none
+STRONGEST_WIND = 25.0  # [m/s]
+POLEWARD = 89.0  # [deg] a domain that reaches beyond holds the pole: there meridians meet
+VAST = 4_000.0  # [deg2] size of a box above which it is worth asking how much of it can be reached at all
+FARTHEST = 7.0  # standard deviations beyond which practically nothing is drawn
+SPREADS = 5.0  # standard deviations of a prior that lie in its box
+
+
+def bounds(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
+    """Return the box outside which a particle of a run has left."""
+    box = asked.domain or within_reach(spec)
+    if (box.east - box.west) * (box.north - box.south) > VAST:
+        box = _common(box, utmost(spec, asked))
+    if is_polar(box):
+        south, north = (-90.0 if box.south < -POLEWARD else box.south), (90.0 if box.north > POLEWARD else box.north)
+        return Box(-180.0, south, 180.0, north)
+    return box
+
+
+def is_polar(box: Box) -> bool:
+    """Return whether a box reaches so near to a pole that it must include it."""
+    return max(-box.south, box.north) > POLEWARD
+
+
+def binary(box: Box) -> advance.Domain:
+    """Return a domain in binary angles, as the device asks for it."""
+    west, south = (int(sphere.to_binary(x)) for x in (box.west, box.south))
+    width = min(round((box.east - box.west) * sphere.TURN / 360), sphere.TURN - 1)
+    return advance.Domain(west, south, width, round((box.north - box.south) * sphere.TURN / 360))
+
+
+def middle(spec: EnsembleSpec) -> tuple[float, float]:
+    """Return the middle (lon, lat) [deg] of where the first scenario begins: near a pole, what is typed is stated for it."""
+    x, y, _ = next(extent for scenario in spec.scenarios for extent in scenario.extents(0.0))
+    return float(sphere.wrap_degrees(np.degrees(np.mean(x)))), float(np.degrees(np.mean(y)))
+
+
+def within_reach(spec: EnsembleSpec) -> Box:
+    """Return the box that holds every prior and all that it can reach by the end of the run."""
+
+    def carried(leeway: float) -> float:
+        speed = FASTEST_CURRENT + leeway + 3 * (spec.errors.current.std + spec.errors.current.bias)
+        if spec.release:
+            speed += leeway * (math.exp(2 * spec.release.windage_bias) - 1)
+        return speed
+
+    objects = [(MODELS[s.model].forced, MODELS[s.model].usual(s, STRONGEST_WIND)) for s in _drifting(spec)]
+    debris = [(True, drift.usual(drifter, STRONGEST_WIND)) for drifter in spec.debris]
+    return around(spec, _fastest_of(spec, objects + debris, carried), SPREADS)
+
+
+def utmost(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
+    """Return a box that practically nothing of a run leaves.
+
+    It assumes speeds that last nowhere, or those of the case if they are faster, and errors beyond chance.
+
+    With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten million in a thousand runs. A
+    particle that leaves the box all the same counts as having left the domain.
+    """
+    utmost = {name: _fastest(asked.forcing.get(name, ()), quantity) for name, quantity in QUANTITIES.items()}
+    wind = utmost["wind"] + FARTHEST * spec.errors.wind.std
+
+    def carried(leeway: float) -> float:
+        speed = sum(utmost[name] for name, quantity in QUANTITIES.items() if not quantity.in_air) + leeway
+        speed += FARTHEST * (spec.errors.current.std + spec.errors.current.bias)
+        if spec.release:
+            speed += leeway * math.exp(FARTHEST * spec.release.windage_bias)
+        return speed + FARTHEST * math.sqrt(2 * spec.errors.diffusivity / spec.period.duration)
+
+    objects = [(MODELS[s.model].forced, MODELS[s.model].fastest(s, wind, FARTHEST)) for s in _drifting(spec)]
+    debris = [(True, drift.fastest(drifter, wind, FARTHEST)) for drifter in spec.debris]
+    return around(spec, _fastest_of(spec, objects + debris, carried), FARTHEST)
+
+
+def _drifting(spec: EnsembleSpec) -> list[Scenario]:
+    """Return the scenarios whose objects are adrift at some time."""
+    return [s for s in spec.scenarios if s.model in s.models]
+
+
+def _fastest_of(spec: EnsembleSpec, drifting: Sequence[tuple[bool, float]], carried: Callable[[float], float]) -> float:
+    """Return the highest speed [m/s] at which anything leaves the extent of its scenario.
+
+    drifting: of what goes adrift, whether it is forced, and its speed through the water; carried: makes of that one over
+    ground. What steers leaves its extent on a course, and by the current that it feels.
+    """
+    speeds = [carried(speed) if forced else speed for forced, speed in drifting]
+    for own in (s.itinerary for s in spec.scenarios if s.itinerary):
+        speeds.append(carried(own.fastest) if own.currents == "felt" else own.fastest)
+    return max(speeds)
+
+
+def _fastest(specs: Sequence[ForcingSpec], quantity: Quantity) -> float:
+    """Return the fastest speed of a quantity that a case states [m/s], or the utmost of its kind if that is more.
+
+    What a run does not need anywhere, and its case does not have, has no speed.
+    """
+    if not specs and not quantity.needed:
+        return 0.0
+    parts = [part for spec in specs for part in spec.parts]
+    typed = [spec.constant for spec in parts if spec.constant is not None]
+    typed += [row for spec in parts if spec.table for row in zip(spec.table.east, spec.table.north, strict=True)]
+    return max([quantity.utmost, *(math.hypot(east, north) for east, north in typed)])
+
+
+def around(spec: EnsembleSpec, fastest: float, spreads: float) -> Box:
+    """Return the box of all priors, and of what drifts from them at a speed [m/s].
+
+    spreads: how many standard deviations of the priors it holds.
+    """
+    lon: list[np.ndarray] = []
+    lat: list[np.ndarray] = []
+    spread = 0.0
+    for scenario in spec.scenarios:
+        for x, y, far in scenario.extents(spreads):
+            spread = max(spread, far)
+            # Each prior's longitudes run without jumps: shift them as a whole, by turns, next to the first prior's.
+            about = lon[0].mean() if lon else x.mean()
+            lon.append(x - 2 * np.pi * np.round((x.mean() - about) / (2 * np.pi)))
+            lat.append(y)
+    if spec.release:
+        spread += spreads * spec.release.release_std
+    grown = np.degrees((spread + fastest * spec.period.duration) / sphere.RADIUS)
+    x, y = np.degrees(np.concatenate(lon)), np.degrees(np.concatenate(lat))
+    highest = min(float(np.abs(y).max() + grown), POLEWARD)  # what reaches beyond goes all round the pole
+    west = float(sphere.wrap_degrees(x.min()))
+    tight = Box(west, float(y.min()), west + max(float(np.ptp(x)), 1e-6), float(y.max()))
+    return tight.grown(float(grown / np.cos(np.radians(highest))), float(grown))
+
+
+def _common(box: Box, other: Box) -> Box:
+    """Return the part of a box that lies in another too.
+
+    Return the whole box where they have no part in common, or two.
+    """
+    south, north = max(box.south, other.south), min(box.north, other.north)
+    if other.east - other.west >= 360:
+        spans = [(box.west, box.east)]
+    elif box.east - box.west >= 360:
+        spans = [(other.west, other.east)]
+    else:
+        sides = ((max(box.west, other.west + k), min(box.east, other.east + k)) for k in (-360, 0, 360))
+        spans = [(west, east) for west, east in sides if west < east]
+    if south >= north or len(spans) != 1:
+        return box
+    ((west, east),) = spans
+    start = sphere.wrap_degrees(west)
+    return Box(start, south, start + east - west, north)

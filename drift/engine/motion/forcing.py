@@ -1,0 +1,148 @@
+"""The winds and currents of a run on the device, kept in step with the clock.
+
+Each scenario sees tiles of its own.
+
+Sources of a quantity stand in order of priority. A particle takes the first that has a value at its place as it is,
+then the first that has one once missing values next to the coast are filled. So with several sources each has two
+tiles. Sources that are added to these are filled each by itself, and each must have a value at the place: a sum with a
+missing term is missing.
+"""
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from threading import Event
+from typing import Any
+
+from geo import waiting
+from geo.forcing.quantity import QUANTITIES
+from geo.forcing.reading.stream import Bracket, Key, Slices
+from geo.forcing.sources import Source
+from kernels.step.sample import Ranges, Tiles
+
+
+@dataclass(frozen=True)
+class Sources:
+    """What one scenario drifts in: sources by quantity, in order of priority."""
+
+    by_quantity: Mapping[str, tuple[Source, ...]]
+    # How deep each is filled [cells], by quantity and name.
+    cells: Mapping[tuple[str, str], int] = field(default_factory=dict)
+    # Quantity and name of sources that are added to the rest, instead of taking part by priority.
+    added: frozenset[tuple[str, str]] = frozenset()
+
+    def of(self, quantity: str) -> tuple[Source, ...]:
+        """Return the sources of a quantity."""
+        return self.by_quantity.get(quantity, ())
+
+    def terms(self, quantity: str) -> list[tuple[Source, ...]]:
+        """Return the terms of a quantity's sum: the sources by priority together, then each added one by itself."""
+        sources = self.of(quantity)
+        extra: list[tuple[Source, ...]] = [(source,) for source in sources if (quantity, source.name) in self.added]
+        base = tuple(source for source in sources if (quantity, source.name) not in self.added)
+        return [base, *extra] if base else extra
+
+
+@dataclass(frozen=True)
+class Term:
+    """One term of a quantity's sum on the device: the names of its sources, and its tiles."""
+
+    names: tuple[str, ...]
+    first: int
+    last: int
+
+
+def _heed(closed: Event) -> None:
+    """Leave the wait for a server once this is set; the thread that reads ahead asks it while it waits.
+
+    No method of Forcing: it would hold a reference to it, and a circle of references keeps files open.
+    """
+    if closed.is_set():
+        raise waiting.Left
+
+
+class Forcing:
+    """Tiles of all scenarios, by quantity.
+
+    `ranges[s]` are the first and last tile of each quantity of scenario s. terms: of scenario s and a quantity, in the
+    order of their tiles.
+    """
+
+    def __init__(self, scenarios: list[Sources], direction: int) -> None:
+        self._closed = Event()
+        self._pool = ThreadPoolExecutor(1, "read-ahead", waiting.ask, (partial(_heed, self._closed),))
+        self._slices: list[tuple[Slices, ...]] = []  # of each tile, by member
+        self.ranges: list[Ranges] = []
+        self.terms: list[dict[str, list[Term]]] = []
+        self._direction = direction
+        by_sources: dict[Any, list[Term]] = {}  # scenarios that see the same sources share tiles
+        shared: dict[Any, tuple[Slices, ...]] = {}
+        ends: list[int] = []
+        for scenario in scenarios:
+            ranges: dict[str, tuple[int, int]] = {}
+            self.terms.append({})
+            for quantity in QUANTITIES:
+                terms = scenario.terms(quantity)
+                name = (quantity, *(tuple(id(s) for s in sources) for sources in terms))
+                if name not in by_sources:
+                    by_sources[name] = []
+                    for sources in terms:
+                        first = len(self._slices)
+                        raw = [(s, 0) for s in sources] if len(sources) > 1 else []
+                        for source, cells in raw + [(s, scenario.cells.get((quantity, s.name), 0)) for s in sources]:
+                            key = (id(source), cells)
+                            if key not in shared:
+                                shared[key] = tuple(
+                                    Slices(member, cells, direction, self._pool) for member in source.members
+                                )
+                            self._slices.append(shared[key])
+                        last = len(self._slices)
+                        ends += [last] * (last - first)
+                        by_sources[name].append(Term(tuple(s.name for s in sources), first, last))
+                tiled = by_sources[name]
+                ranges[quantity] = (tiled[0].first, tiled[-1].last) if tiled else (0, 0)
+                self.terms[-1][quantity] = tiled
+            self.ranges.append(ranges)
+        self.tiles = Tiles([s[0].source.grid for s in self._slices], ends, [len(s) for s in self._slices])
+        self._held: list[tuple[Key, Key] | None] = [None] * len(self._slices)
+        self.movers: dict[tuple[int, int, int], tuple[Any, Any]] = {}  # see scene.Scene
+
+    def members(self, scenario: int, quantity: str) -> int:
+        """Return how many members of an ensemble tell a scenario a quantity; 1 where it is none."""
+        return max((len(self._slices[tile]) for tile in range(*self.ranges[scenario][quantity])), default=1)
+
+    def set(self, low: int, high: int) -> None:
+        """Make the tiles say what the forcing is over the step [low, high] [s since 1970]."""
+        weights: list[tuple[float, float] | None] = []
+        for tile, slices in enumerate(self._slices):
+            bracket = slices[0].bracket(low, high)  # members have the same times
+            if bracket is None:
+                weights.append(None)
+                continue
+            self._load(tile, slices, bracket)
+            ends = (bracket.low, bracket.high)
+            weights.append(ends if self._direction > 0 else ends[::-1])
+        self.tiles.blend(weights)
+
+    def _load(self, tile: int, members: tuple[Slices, ...], bracket: Bracket) -> None:
+        wanted, held = (bracket.earlier, bracket.later), self._held[tile]
+        if wanted == held:
+            return
+        follows = held is not None and held[1] == wanted[0]
+        for member, slices in enumerate(members):
+            if not follows:
+                self.tiles.place(tile, slices.get(wanted[0]), later=False, member=member)
+            self.tiles.place(tile, slices.get(wanted[1]), later=True, shift=follows, member=member)
+        self._held[tile] = wanted
+
+    def size(self, low: int, high: int) -> int:
+        """Return how many bytes the slices of a run from one time to another [s since 1970] take at most, once made."""
+        every = {id(s): (s, grid) for of, grid in zip(self._slices, self.tiles.grids, strict=True) for s in of}.values()
+        return sum(s.within(low, high) * 8 * grid.nlon * grid.nlat for s, grid in every)
+
+    def close(self) -> None:
+        """Stop reading ahead, without waiting for a server; a file is read to the end of the slice."""
+        self._closed.set()
+        self.movers.clear()
+        self._pool.shutdown(wait=True, cancel_futures=True)

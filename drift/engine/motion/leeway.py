@@ -1,0 +1,134 @@
+"""How objects answer the wind: leeway classes, own coefficients, plain windage, pure water drifters.
+
+Leeway is downwind and crosswind speed, each slope * wind speed at 10 m + offset, on a downwind, a right and a left
+line (Allen and Plourde 1999, CG-D-08-99; Allen 2005, CG-D-05-05). The left line is not the right one's mirror. Works
+from the project's own table, data/leeway.csv, in % and cm/s; everything returned is SI.
+"""
+
+import csv
+import difflib
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from typing import Any
+
+from drift.engine.motion import everyday
+from geo.errors import UserError
+
+AIR_IN_WATER = 0.0346  # sqrt(1.225 kg/m3 / 1025 kg/m3)
+
+
+@dataclass(frozen=True)
+class Line:
+    """One leeway line: speed = slope * wind + offset, with the standard error of the regression.
+
+    A particle draws xi ~ N(0, 1) once for a line and has slope + slope_std * xi and offset + offset_std * xi, so that
+    at 10 m/s of wind its error is std * xi (Breivik and Allen 2008, doi:10.1016/j.jmarsys.2007.02.010). On a downwind
+    line xi is drawn anew until its slope is not negative (docs/leeway.md).
+    """
+
+    slope: float = 0.0  # [1]
+    offset: float = 0.0  # [m/s]; positive to the right of downwind on a crosswind line
+    std: float = 0.0  # [m/s] standard error of the regression
+    spread: float = 0.0  # [1] standard deviation of the slope alone: plain windage
+
+    @property
+    def slope_std(self) -> float:
+        """Standard deviation of a particle's slope [1]: error / (20 m/s)."""
+        return self.std / 20.0 + self.spread
+
+    @property
+    def offset_std(self) -> float:
+        """Standard deviation of a particle's offset [m/s]: error / 2."""
+        return self.std / 2.0
+
+
+@dataclass(frozen=True)
+class Drifter:
+    """What drifts: its name and three leeway lines; level is its depth below its main class in the table."""
+
+    name: str
+    description: str
+    down: Line
+    right: Line
+    left: Line
+    level: int = 0
+    immersion: tuple[float, float] | None = None  # share under water, uniform between objects; down holds the mean
+
+    @property
+    def uses_wind(self) -> bool:
+        """Whether the wind moves it at all."""
+        still = Line()
+        return (self.down, self.right, self.left) != (still, still, still)
+
+    @property
+    def lull(self) -> float:
+        """Wind speed [m/s] below which its downwind line, as published, leads upwind; 0 where it never does."""
+        return max(0.0, -self.down.offset / self.down.slope) if self.down.slope > 0 else 0.0
+
+    @property
+    def jibes(self) -> bool:
+        """Whether the side on which it drifts makes a difference."""
+        return self.right != self.left
+
+
+def windage(immersion: Any) -> Any:
+    """Return the share of the wind speed [1] at which a box drifts, of any shape.
+
+    immersion: share of its height under water.
+
+    Drag of air on what is above balances that of water below: sqrt(rho_air / rho_water) sqrt((1 - I) / I), drag
+    coefficients taken as equal (Daniel et al. 2002, doi:10.1016/S1353-2561(02)00075-0).
+    """
+    return AIR_IN_WATER * ((1.0 - immersion) / immersion) ** 0.5
+
+
+WATER = Drifter("water", "Water particle: moves with the current alone", Line(), Line(), Line())
+
+
+@lru_cache(maxsize=1)
+def classes() -> dict[str, Drifter]:
+    """Return the 85 published classes by name, in the table's order."""
+    text = resources.files("drift.data").joinpath("leeway.csv").read_text(encoding="utf-8")
+    rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
+    return {row["name"]: _drifter(row) for row in rows}
+
+
+def _drifter(row: dict[str, str]) -> Drifter:
+    def line(side: str) -> Line:
+        slope, offset, std = (float(row[f"{side}_{column}"]) for column in ("slope", "offset", "std"))
+        return Line(slope / 100, offset / 100, std / 100)
+
+    return Drifter(row["name"], row["description"], line("down"), line("right"), line("left"), level=int(row["level"]))
+
+
+def find(name: str) -> Drifter:
+    """Return a class by name, in any case; an unknown one is refused with the nearest."""
+    if name.lower() == WATER.name:
+        return WATER
+    table = classes()
+    if name.upper() in (names := {key.upper(): key for key in table}):
+        return table[names[name.upper()]]
+    near = difflib.get_close_matches(name.upper(), names, n=1, cutoff=0.5)
+    hint = f'nearest is "{names[near[0]]}"' if near else _hint(name)
+    raise UserError(f'no leeway class "{name}"; {hint}. See: drift objects')
+
+
+def _hint(name: str) -> str:
+    matches = search(name.replace("-", " ").replace("_", " "))
+    return f'such as "{matches[0].name}"' if matches else 'or "water" for a pure water drifter'
+
+
+def search(words: str = "") -> list[Drifter]:
+    """Return the classes whose name or description, or their main classes' ones, hold every word, in any case.
+
+    An everyday word, such as yacht, is held by the classes that it stands for too: drift.engine.motion.everyday.
+    """
+    wanted = [(word, everyday.meaning(word, tuple(classes()))) for word in everyday.parts(words)]
+    matches, above = [], [""] * 8
+    for drifter in classes().values():
+        above[drifter.level] = f"{drifter.name} {drifter.description}".lower()
+        text = " ".join(above[: drifter.level + 1])
+        if all(word in text or (meant and drifter.name in meant.classes) for word, meant in wanted):
+            matches.append(drifter)
+    return matches

@@ -1,0 +1,162 @@
+"""Scenarios: what may have happened, each with its weight, its object, and where and when it went adrift.
+
+Records are in SI, radians and UTC. There are three kinds of prior: around a reported position, inside an area, along a
+trackline. Each answers the same questions. `reported`: its position [deg], where it is the report of one; `moving`:
+whether the place where the object went adrift depends on the time; `extent`: how far the prior reaches. Priors are
+drawn in drift.engine.motion.prior and drift.spills.worlds.releases.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeAlias
+
+import numpy as np
+
+from drift.engine.motion.leeway import Drifter
+from drift.engine.motion.steering.family import InFamily
+from drift.engine.motion.steering.itinerary import Itinerary
+from geo import sphere
+from geo.array import Array
+
+PIECE = 50_000.0  # [m] how finely a voyage is followed for its extent
+
+
+@dataclass(frozen=True)
+class Survival:
+    """Time alive after release: lognormal."""
+
+    median: float  # [s]
+    spread: float  # factor of one standard deviation, > 1
+    basis: str = "as the case says"  # source of the median
+
+    def alive(self, age: Array) -> Array:
+        """Return the chance of being alive at an age [s]."""
+        from scipy import special
+
+        z = np.log(np.maximum(age, 1e-9) / self.median) / math.log(self.spread)
+        return np.asarray(0.5 * special.erfc(z / math.sqrt(2)))
+
+
+JIBE_RATE = 0.04 / 3600  # [1/s] 4 % an hour (Allen 2005, CG-D-05-05; Breivik and Allen 2008, section 2.3)
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """A move from the reported position before the object drifts, uniform in distance and in direction."""
+
+    distance: tuple[float, float]  # [m]
+    direction: tuple[float, float]  # [rad] toward, clockwise from north; second >= first, up to 2 turns
+
+
+@dataclass(frozen=True)
+class PositionPrior:
+    """Normal in the tangent plane of a position, wrapped onto the sphere.
+
+    The time of release is uniform in a window.
+    """
+
+    moving: ClassVar = False
+
+    lon: float  # [rad]
+    lat: float
+    major: float  # [m] standard deviation along the major axis
+    minor: float
+    orientation: float  # [rad] of the major axis, clockwise from north
+    displacement: Displacement | None
+    release_start: np.datetime64  # the earlier, also in a backward run
+    release_end: np.datetime64
+
+    @property
+    def reported(self) -> tuple[float, float] | None:
+        """Position (lon, lat) [deg]."""
+        return float(np.degrees(self.lon)), float(np.degrees(self.lat))
+
+    def extent(self, spreads: float) -> tuple[Array, Array, float]:
+        """Return places (lon, lat) [rad] without jumps, and how far about them [m] the prior reaches.
+
+        spreads: how many standard deviations count.
+        """
+        far = self.displacement.distance[1] if self.displacement else 0.0
+        return np.array([self.lon]), np.array([self.lat]), spreads * self.major + far
+
+
+@dataclass(frozen=True)
+class AreaPrior:
+    """Uniform in true area inside a polygon whose edges are straight in longitude and latitude."""
+
+    reported: ClassVar[tuple[float, float] | None] = None
+    moving: ClassVar = False
+
+    lon: tuple[float, ...]  # [rad] unwrapped: without jumps, so it may leave [-pi, pi]
+    lat: tuple[float, ...]
+    release_start: np.datetime64
+    release_end: np.datetime64
+
+    def extent(self, spreads: float) -> tuple[Array, Array, float]:
+        """Return its corners, as PositionPrior does its position; nothing lies outside them."""
+        return np.array(self.lon), np.array(self.lat), 0.0
+
+
+@dataclass(frozen=True)
+class TracklinePrior:
+    """Along great-circle legs at constant speed, with cross-track error.
+
+    The object goes adrift at an unknown share of the voyage. The share is uniform in [low, high], or triangular there
+    with its top at `mode`.
+    """
+
+    reported: ClassVar[tuple[float, float] | None] = None
+    moving: ClassVar = True
+
+    lon: tuple[float, ...]  # [rad]
+    lat: tuple[float, ...]
+    cross_track: float  # [m] standard deviation
+    departure: np.datetime64
+    arrival: np.datetime64
+    speed: float  # [m/s]
+    low: float
+    high: float
+    mode: float | None
+    release_start: np.datetime64
+    release_end: np.datetime64
+
+    def extent(self, spreads: float) -> tuple[Array, Array, float]:
+        """Return places along the voyage, and how far from it, as PositionPrior does."""
+        lon, lat = sphere.track(self.lon, self.lat, PIECE)
+        return np.unwrap(lon), lat, spreads * self.cross_track
+
+
+ReleasePrior: TypeAlias = PositionPrior | AreaPrior | TracklinePrior
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One story. Weights of a case add up to 1."""
+
+    name: str
+    weight: float
+    object: Drifter
+    jibe_rate: float  # [1/s]
+    prior: ReleasePrior | None  # where it begins; None: at the first way point of its itinerary
+    sources: Mapping[str, tuple[str, ...]]  # their names by quantity, in order of priority
+    search_object: str | None = None  # the object's name in the sweep width tables
+    model: str = "drift"  # model of motion: drift.engine.motion.models
+    motion: Any = None  # parameters of the model's own: opaque to all but the model
+    survival: Survival | None = None
+    itinerary: Itinerary | None = None  # how it steers until its distress; None: it is adrift from the first
+    family: InFamily | None = None  # where it stands in its family; None: it is in none
+    # How loud it is to a passive sonar [dB re 1 uPa at 1 m], or rows of speed [m/s] and level; None: not told.
+    source_level: float | tuple[tuple[float, float], ...] | None = None
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """Its models of motion, in the order in which they move it within a step."""
+        if self.itinerary is None:
+            return (self.model,)
+        return ("steer",) if self.itinerary.distress is None else ("steer", self.model)
+
+    def extents(self, spreads: float) -> list[tuple[Array, Array, float]]:
+        """Return the extents of its prior, and of the places to which its itinerary leads: see PositionPrior.extent."""
+        own = [self.prior.extent(spreads)] if self.prior is not None else []
+        return own + (self.itinerary.extents(spreads) if self.itinerary else [])

@@ -1,0 +1,267 @@
+"""The scene of a run, which does not change while it lasts.
+
+It is the forcing, how each scenario's objects move, and the surroundings.
+"""
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.engine.motion import guided
+from drift.engine.motion.forcing import Forcing
+from drift.engine.motion.guided import Guided
+from drift.engine.motion.model import Group, Model, Motion, Waters
+from drift.engine.motion.steering.steer import Helm, Steering
+from drift.engine.particles import life
+from drift.engine.particles.ensemble import Device, Ensemble
+from drift.engine.particles.status import Status
+from geo import sphere
+from geo.array import Array
+from kernels.maths import noise
+from kernels.maths.noise import Purpose
+from kernels.runtime import batch, runtime
+from kernels.steering import pieces
+from kernels.steering.pieces import Paths
+from kernels.step import advance as kernel
+from kernels.step import coast as device_coast
+from kernels.step import curve
+from kernels.step.bridge import Inside
+from kernels.step.sample import Ranges, ordered
+
+
+class Begin(NamedTuple):
+    """Where the particles of an ensemble began a step, on the device."""
+
+    lon: Device  # binary angle, int32 (n,): where they were when what steers had been moved, so where each went adrift
+    lat: Device
+    helm: Mapping[str, Device] | None  # the columns of what steers, at the begin of the step; None: nothing does
+    bend: Device  # how the way of each departs from its chord: see kernels.step.curve, float32 (4 n,)
+    polar: bool = False  # whether the domain holds a pole
+
+
+class Kept(NamedTuple):
+    """Where particles were at a time inside a step, on the host."""
+
+    lon: Array  # int32 binary angle (n,)
+    lat: Array
+    since: int  # [s]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What every scenario needs to move: forcing, models with their terms, and the place."""
+
+    forcing: Forcing
+    motions: tuple[Motion, ...]  # one a scenario: how it moves once it is adrift
+    place: kernel.Surroundings
+    steering: Steering | None = None  # how scenarios steer before that; None: none does
+    guided: Guided | None = None  # how noise is nudged toward finds; None: it is not
+
+    def advance(self, ensemble: Ensemble, low: int, high: int, step: kernel.Step, keep: bool = False) -> Begin | None:
+        """Move all slots over one step, in place: first what steers, each until its distress, then what is adrift.
+
+        Return where they began the step, if it is to be kept.
+        """
+        self.forcing.set(low, high)
+        helm, at_helm = self.helm(ensemble), None
+        if helm:
+            helm.feel(self.forcing, step)
+            at_helm = helm.keep() if keep else None
+            helm.move(step, note=keep)
+        moves, bend = self._movers(ensemble, step.direction, keep)
+        begin = (
+            Begin(runtime.copy(ensemble.lon), runtime.copy(ensemble.lat), at_helm, bend, self.place.polar)
+            if keep
+            else None
+        )
+        guided.set_nudges(self.guided, ensemble, step)
+        for move in moves:
+            move(step)
+        return begin
+
+    def helm(self, ensemble: Ensemble) -> Helm | None:
+        """Return what steers an ensemble; None: nothing does. It is made once, as `_movers` are."""
+        if self.steering is None:
+            return None
+        key = id(self), id(ensemble), 0
+        if key not in self.forcing.movers or self.forcing.movers[key][0][2] is not ensemble.layout:
+            helm_of = Helm(ensemble, self.steering, self.place.domain, self.place.coast)
+            self.forcing.movers[key] = (self, ensemble, ensemble.layout), helm_of
+        helm: Helm = self.forcing.movers[key][1]
+        return helm
+
+    def _movers(self, ensemble: Ensemble, direction: int, keep: bool) -> tuple[tuple[kernel.Move, ...], Device]:
+        """Return what moves an ensemble, one a group, and where that keeps the bend of ways, if it is to be kept.
+
+        It is made once for a layout of the ensemble, and kept until the forcing is closed.
+        """
+        key = id(self), id(ensemble), 2 * direction + int(keep)
+        if key not in self.forcing.movers or self.forcing.movers[key][0][2] is not ensemble.layout:
+            bend = runtime.empty(4 * ensemble.n) if keep else None
+            movers = tuple(
+                model.mover(ensemble, group, Waters(self.forcing.tiles, ranges, self.place), direction, bend)
+                for model, ranges, group in self.groups(ensemble)
+            )
+            # They are kept alive, for an id() may be given again.
+            self.forcing.movers[key] = (self, ensemble, ensemble.layout), (movers, bend)
+        made: tuple[tuple[kernel.Move, ...], Device] = self.forcing.movers[key][1]
+        return made
+
+    def groups(self, ensemble: Ensemble) -> list[tuple[Model, Ranges, Group]]:
+        """Return the groups of an ensemble's scenarios: those of one model that see the same tiles of the forcing.
+
+        What never goes adrift is in none.
+        """
+        together: dict[tuple[Model, tuple[int, ...]], list[int]] = {}
+        for number, (ranges, motion) in enumerate(zip(self.forcing.ranges, self.motions, strict=True)):
+            if self.steering and not self.steering.adrift(number):
+                continue
+            together.setdefault((motion.model, ordered(ranges)), []).append(number)
+        return [
+            (model, self.forcing.ranges[own[0]], Group(ensemble.batch(own), tuple(self.motions[k].terms for k in own)))
+            for (model, _), own in together.items()
+        ]
+
+    def seas(self, quantity: str) -> list[tuple[int, ...]]:
+        """Return the numbers of scenarios that see the same sources of a quantity, together."""
+        together: dict[tuple[int, int], tuple[int, ...]] = {}
+        for number, ranges in enumerate(self.forcing.ranges):
+            together[ranges[quantity]] = (*together.get(ranges[quantity], ()), number)
+        return list(together.values())
+
+    def without_noise(self) -> "Scene":
+        """Return the same scene in which nothing is left to chance, and what comes ashore stays there or slides.
+
+        Nothing steers in it: that is exact at any step.
+        """
+        beach = kernel.Beach(slides=self.place.beach.slides)
+        still = self.place._replace(beach=beach, sinks=False, divergence=False, guided=False)
+        motions = tuple(Motion(model, model.still(terms)) for model, terms in self.motions)
+        return replace(self, motions=motions, place=still, steering=None, guided=None)
+
+    def between(
+        self, ensemble: Ensemble, begin: Begin, kept: Kept | None, step: kernel.Step, time: int, start: int
+    ) -> tuple[Array, Array]:
+        """Return where an ensemble's particles are at a time inside the step just made: lon, lat [binary angle], (n,).
+
+        kept: where they were at an earlier time inside the step, if that has been asked and is to hold; start: of the
+        run [s since 1970].
+        """
+        end, since = step.elapsed + step.duration, kept.since if kept else step.elapsed
+        moment = (start + step.direction * time) % 2**31
+        purpose = Purpose.DEBRIS_BRIDGE if self.place.debris else Purpose.RUN
+        seed = noise.seed_for(ensemble.seed, purpose, self.place.debris)
+        places = self._from(ensemble, begin, kept)
+        inside = Inside(*places, begin.bend, step.elapsed, end, since, time, seed, moment)
+        for model in dict.fromkeys(model for model, _ in self.motions):
+            terms = tuple(terms if own is model else None for own, terms in self.motions)
+            model.between(ensemble, terms, self.place, inside)
+        lon, lat = (column.to_numpy() for column in places)
+        helm = self.helm(ensemble)
+        if helm and begin.helm:
+            steers = np.isin(ensemble.scenario.to_numpy(), self.steering.scenarios if self.steering else ())
+            own = kept or Kept(begin.helm["lon"].to_numpy(), begin.helm["lat"].to_numpy(), since)
+            there = helm.inside(begin.helm, (own.lon, own.lat), since, step, time, moment)
+            mine = steers & (time < ensemble.release.to_numpy())
+            lon, lat = (np.where(mine, new, old) for new, old in zip(there, (lon, lat), strict=True))
+        return lon, lat
+
+    def _from(self, ensemble: Ensemble, begin: Begin, kept: Kept | None) -> tuple[Device, Device]:
+        """Return copies of where particles began the step, or where they were when that was asked: lon, lat."""
+        if kept is None:
+            return runtime.copy(begin.lon), runtime.copy(begin.lat)
+        known = ensemble.release.to_numpy() <= kept.since
+        lon = runtime.upload(np.where(known, kept.lon, begin.lon.to_numpy()))
+        return lon, runtime.upload(np.where(known, kept.lat, begin.lat.to_numpy()))
+
+    def velocity(self, ensemble: Ensemble, begin: Begin, step: kernel.Step, time: int) -> tuple[Array, Array]:
+        """Return (east, north) [m/s] over ground of particles at a time inside the step just made, (n,).
+
+        What is adrift has the velocity of its drift then, with the mean of what chance adds in the step; what lies still
+        has none.
+        """
+        lives, end = life.read(ensemble), step.elapsed + step.duration
+        left, finish = lives.way(step.elapsed, end)
+        status = lives.at(time)
+        lon, lat = begin.lon.to_numpy(), begin.lat.to_numpy()
+        apart = sphere.offset(
+            lon * sphere.UNIT, lat * sphere.UNIT, ensemble.lon.to_numpy() * sphere.UNIT,
+            ensemble.lat.to_numpy() * sphere.UNIT,
+        )  # fmt: skip
+        off_lon, off_lat = curve.slopes(begin.bend.to_numpy(), lives.share(step.elapsed, end, time))
+        if begin.polar:
+            off = sphere.from_pole(lon * sphere.UNIT, lat, off_lon, off_lat)
+        else:
+            metres = sphere.UNIT * sphere.RADIUS
+            off = off_lon * metres * np.cos(lat * sphere.UNIT), off_lat * metres
+        moving = (status == Status.ADRIFT) & (finish > left)
+        lasting = np.maximum(finish - left, 1)
+        east, north = (np.where(moving, (way + more) / lasting, 0.0) for way, more in zip(apart, off, strict=True))
+        helm = self.helm(ensemble)
+        if helm and begin.helm:
+            steers = status == Status.UNDER_WAY
+            own = helm.velocity(begin.helm, step, time)
+            east, north = (np.where(steers, new, old) for new, old in zip(own, (east, north), strict=True))
+        return east, north
+
+
+def paths(
+    ensemble: Ensemble,
+    begin: Begin,
+    helm: Helm | None,
+    step: kernel.Step,
+    span: tuple[float, float],
+    scenarios: Sequence[int],
+    chosen: Array | None = None,
+) -> Iterator[Paths]:
+    """Yield the paths of particles in the step just made, as sensors take them: of what steers, then of what drifts.
+
+    What drifts goes straight in each part of the step, and has paths for each of them.
+
+    Args:
+        ensemble: of n particles, after the step.
+        begin: where they began the step.
+        helm: what steers them; None: nothing does.
+        step: with the number of its pieces.
+        span: the times between which they are asked for [s after the run's start].
+        scenarios: numbers of those to which the particles belong.
+        chosen: which of these particles, bool, shape (n,); None: all.
+    """
+    steered = helm.paths(begin.helm, step, scenarios, chosen) if helm and begin.helm else None
+    if steered:
+        yield steered
+    drifts = [number for number in scenarios if helm is None or number in helm.adrift]
+    own = ensemble.batch(drifts) if chosen is None else batch.among(ensemble.batch(drifts), chosen)
+    if own.first == own.last:
+        return
+    before: tuple[Device, Device] | None = None
+    for low, high in itertools.pairwise(curve.edges(step.elapsed, step.duration, step.pieces)):
+        if high <= span[0] or low >= span[1]:
+            continue
+        if before is None:
+            before = _at(ensemble, begin, step, low)
+        after = _at(ensemble, begin, step, high)
+        yield pieces.straight(ensemble, own, before, after, low, high - low, step.number, begin.polar)
+        before = after
+
+
+def _at(ensemble: Ensemble, begin: Begin, step: kernel.Step, time: int) -> tuple[Device, Device]:
+    """Return where what drifts was at a time of the step, on the device: lon, lat [binary angle]."""
+    if time == step.elapsed:
+        return begin.lon, begin.lat
+    if time == step.elapsed + step.duration:
+        return ensemble.lon, ensemble.lat
+    places: tuple[Device, Device] = curve.places(
+        ensemble, (begin.lon, begin.lat), begin.bend, step.elapsed, step.duration, time, begin.polar
+    )
+    return places
+
+
+def land_of(scene: Scene) -> Callable[[npt.NDArray[Any], npt.NDArray[Any]], npt.NDArray[np.bool_]] | None:
+    """Return what says whether points [binary angles] lie on land, asked on the device; None without a coast."""
+    coast = scene.place.coast
+    return None if coast is None else lambda lon, lat: ~device_coast.wet(coast, lon, lat)

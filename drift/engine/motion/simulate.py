@@ -1,0 +1,175 @@
+"""A run: moves an ensemble through its scene, step by step, from one output to the next.
+
+Steps are those of the clock's lattice. Releases and outputs fall where they may: a particle moves from its release on,
+an output inside a step lies on the curve that the step describes (kernels.step.curve).
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Protocol
+
+from drift.engine.motion.clock import Clock
+from drift.engine.motion.scene import Begin, Kept, Scene
+from drift.engine.particles import life
+from drift.engine.particles.ensemble import Ensemble, Layout
+from geo.array import Array
+from kernels.step import advance as kernel
+
+Progress = Callable[[float], None]
+Watch = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The state of the ensemble at one time, on the host."""
+
+    elapsed: int  # [s] since the run's start
+    lon: Array  # int32 binary angle (n,)
+    lat: Array
+    status: Array  # int32 (n,)
+    layout: Layout  # which slots belong to which scenario
+    log_weight: Array | None = None  # float32 (n,) at that time; None: those of the end of the run
+    ancestors: Array | None = None  # (n,) slots of the whole run at the moment before, if any were drawn anew since
+    lineage: Array | None = None  # int32 (n,) particle of the begin from which each descends; None: itself
+
+
+# Returns where the particles of an ensemble were at a time [s after start], as lon, lat [binary angle]. Its arguments
+# are the ensemble, the scene in which it moves, where its particles began the step that holds the time, and the time.
+# The third is None for the run's own ensemble, of which it is known.
+PositionsAt = Callable[[Ensemble, Scene, Begin | None, int], tuple[Array, Array]]
+
+
+class Filter(Protocol):
+    """An observer that changes the weights of an ensemble while it moves: see drift.evidence.filter.filter.Search."""
+
+    def stops(self, after: int, until: int, step: kernel.Step | None = None) -> list[int]:
+        """Return the times in (after, until] at which an update takes effect [s after start]; step: the step between the two."""
+
+    def before(self, elapsed: int, duration: int) -> bool:
+        """Make ready for a step, for which the forcing is set; return whether it has to know where the step began."""
+
+    def ready(self, step: kernel.Step) -> None:
+        """Make ready for a step that is about to be made."""
+
+    def moved(self, begin: Begin | None) -> None:
+        """Take note of where the particles began the step that has just been made, and move what else moves over it."""
+
+    def take_effect(self, time: int, place: PositionsAt) -> None:
+        """Change weights by what ends or is seen at a time; place: gives where an ensemble's particles were then."""
+
+    def watch(self, until: int) -> None:
+        """Look on until the end of the step that has just been made."""
+
+    def after(self, until: int) -> None:
+        """Draw particles anew at the end of a step, if need be."""
+
+    def log_weight(self, time: int) -> Array:
+        """Return the weights as they stand at a time."""
+
+    def ancestors(self) -> Array | None:
+        """Return whose offspring the particles are since it was last asked; None: they are themselves."""
+
+    def lineage(self) -> Array | None:
+        """Return from which particle of the begin each descends; None: from itself."""
+
+
+@dataclass
+class _Within:
+    """Where particles are inside a step that has been made. Times are asked for in ascending order.
+
+    A place that evidence has asked for is kept: from there a particle's bridge leads on to the end of the step.
+    """
+
+    own: Ensemble  # the run's own ensemble
+    clock: Clock
+    step: kernel.Step
+    begin: Begin | None  # where the run's particles began the step, if that is needed
+    kept: dict[int, Kept] = field(default_factory=dict)  # by ensemble's id
+
+    @property
+    def end(self) -> int:
+        """When the step ends [s after the run's start]."""
+        return int(self.step.elapsed + self.step.duration)
+
+    def at(self, which: Ensemble, scene: Scene, begin: Begin | None, time: int) -> tuple[Array, Array]:
+        """Return where an ensemble's particles, which began this step somewhere, were at a time in it, and keep it."""
+        places = self.look(which, scene, begin, time)
+        if time < self.end:
+            self.kept[id(which)] = Kept(*places, time)
+        return places
+
+    def look(self, which: Ensemble, scene: Scene, begin: Begin | None, time: int) -> tuple[Array, Array]:
+        """Return the same without keeping it: an output does not tie down what comes after it."""
+        begin = self.begin if which is self.own else begin
+        if begin is None or time == self.end:
+            return _now(which)
+        kept = self.kept.get(id(which))
+        if kept is not None and kept.since == time:
+            return kept.lon, kept.lat
+        return scene.between(which, begin, kept, self.step, time, self.clock.start)
+
+
+def _now(which: Ensemble) -> tuple[Array, Array]:
+    return which.lon.to_numpy(), which.lat.to_numpy()
+
+
+def run(
+    ensemble: Ensemble,
+    scene: Scene,
+    clock: Clock,
+    outputs: Array,
+    progress: Progress | None = None,
+    watch: Watch | None = None,
+    search: Filter | None = None,
+    since: int | None = None,
+) -> Iterator[Moment]:
+    """Yield the ensemble at each output time [s since start, ascending, shape (m,)], moving it in place.
+
+    progress: takes the share of the run that is done, after every step; watch: takes when the step began [s since
+    start]; search: looks on and changes weights. since: go on from the step that begins then [s since start]; None: from the
+    run's start.
+    """
+    due = [int(t) for t in outputs if since is None or t > since]
+    if search and since is None:
+        for time in search.stops(-1, 0):
+            search.take_effect(time, lambda which, *_: _now(which))
+    while since is None and due and due[0] <= 0:
+        yield _moment(ensemble, partial(_now, ensemble), due.pop(0), search)
+    for low, high, step in clock.steps():
+        if since is not None and step.elapsed < since:
+            continue
+        end = step.elapsed + step.duration
+        shown = {t for t in due if t <= end}
+        stops = set(search.stops(max(step.elapsed, 0), end, step)) if search else set()
+        inside = any(t < end for t in shown | stops)
+        if search:
+            scene.forcing.set(low, high)
+            inside |= search.before(step.elapsed, step.duration)
+            search.ready(step)
+        begin = scene.advance(ensemble, low, high, step, keep=inside)
+        within = _Within(ensemble, clock, step, begin)
+        if search:
+            search.moved(begin)
+        if watch:
+            watch(step.elapsed)
+        for t in sorted(shown | stops):
+            if search and t in stops:
+                search.take_effect(t, within.at)
+            while due and due[0] == t:
+                yield _moment(ensemble, partial(within.look, ensemble, scene, None, t), due.pop(0), search)
+        if search:
+            search.watch(end)
+            if end < clock.duration:  # the last outputs show the particles as they were when it ended
+                search.after(end)
+        if progress:
+            progress(min(end / clock.duration, 1.0))
+
+
+def _moment(ensemble: Ensemble, look: Callable[[], tuple[Array, Array]], time: int, search: Filter | None) -> Moment:
+    """Return positions, with each particle's status and weight as they were known at that time."""
+    status = life.read(ensemble).at(time)  # first: the columns that it reads have gone before others come
+    if search is None:
+        return Moment(time, *look(), status, ensemble.layout)
+    weight = search.log_weight(time)
+    return Moment(time, *look(), status, ensemble.layout, weight, search.ancestors(), search.lineage())

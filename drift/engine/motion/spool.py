@@ -1,0 +1,432 @@
+"""The particles at all output times, kept in files: a reel of each shard.
+
+Memory holds one time, or a part of it, however many there are.
+"""
+
+import contextlib
+import itertools
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from io import BufferedRandom
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple, overload
+
+import numpy as np
+
+from drift.engine.motion.period import Period
+from drift.engine.motion.simulate import Moment
+from drift.engine.particles import members, partials
+from drift.engine.particles.ensemble import Ensemble, Layout, Slots
+from drift.engine.particles.partials import PART, Blocks
+from drift.engine.particles.snapshot import Snapshot
+from drift.products.files import temporary
+from geo import notation
+from geo.array import Array
+from geo.errors import UserError
+
+BYTES = 13  # a particle and time: two positions, its status, its weight
+BYTES_END = 24  # a particle, of the end of the run
+KINDS = {
+    name: np.dtype(kind)
+    for name, kind in (
+        ("lon", np.int32), ("lat", np.int32), ("status", np.uint8), ("log_weight", np.float32),
+        ("ancestors", np.int32), ("family", np.int32), ("world", np.int32), ("release", np.int32),
+        ("status_since", np.int32), ("edge", np.int32), ("member", np.int32),
+    )
+}  # fmt: skip
+END = ("log_weight", "release", "status_since", "edge", "world")  # columns of an ensemble that are kept of its end
+
+
+def _refusal(reason: str, folder: Path | None = None) -> UserError:
+    if folder is None:
+        return temporary.refusal(reason)
+    return UserError(f"{folder}: {reason}; make room, or name another folder with --out")
+
+
+class NoRoom(Exception):
+    """The file of a reel cannot be written; says why. What fails while particles move is told as it is."""
+
+
+class Noted(NamedTuple):
+    """Values in a reel's file."""
+
+    begin: int
+    kind: str  # of numbers, as NumPy writes it
+    size: int
+
+
+class Taken(NamedTuple):
+    """A moment in a reel's file."""
+
+    time: np.datetime64
+    layout: Layout
+    where: dict[str, int]  # where each column begins
+
+
+@dataclass
+class Reel:
+    """What some of a run's particles, whole blocks, were like at all output times, in a file."""
+
+    file: BufferedRandom | Path  # open, or where it is: a run may have more of them than a process may hold open
+    n: int
+    taken: list[Taken] = field(default_factory=list)
+    end: dict[str, int] = field(default_factory=dict)  # where columns of the end of the run begin
+    notes: dict[str, Noted] = field(default_factory=dict)  # what else a run takes down, by name
+    later: "tuple[Reel, int] | None" = None  # a file of log weights given after the run, and where its own begin
+    size: int = 0  # [bytes] of what it has taken
+
+    def record(self, period: Period, moments: Iterable[Moment]) -> None:
+        """Take up the moments of a run as they come."""
+        for moment in moments:
+            columns = {"lon": moment.lon, "lat": moment.lat, "status": moment.status}
+            if moment.log_weight is not None:
+                columns["log_weight"] = moment.log_weight
+            if moment.ancestors is not None:
+                columns["ancestors"] = moment.ancestors
+            before = self.taken[-1].where if self.taken else {}
+            if moment.lineage is not None and (moment.ancestors is not None or "family" not in before):
+                columns["family"] = moment.lineage
+            where = {name: self._keep(name, values) for name, values in columns.items()}
+            if moment.lineage is not None and "family" not in where:
+                where["family"] = before["family"]
+            self.taken.append(Taken(period.time(moment.elapsed), moment.layout, where))
+
+    def end_with(self, ensemble: Ensemble) -> None:
+        """Take up what an ensemble has at the end of the run."""
+        for name in (*END, *({members.COLUMN.name} & {*ensemble.own})):
+            self.end[name] = self._keep(name, ensemble.columns[name].to_numpy())
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is in it."""
+        return self.size == 0
+
+    def note(self, name: str, values: Array) -> None:
+        """Take down values of one dimension and any kind under a name."""
+        self.notes[name] = Noted(self._append(np.ascontiguousarray(values)), values.dtype.str, values.size)
+
+    def noted(self, name: str, first: int = 0, last: int | None = None) -> Array:
+        """Return values that have been taken down, or some of them."""
+        noted = self.notes[name]
+        kind, last = np.dtype(noted.kind), noted.size if last is None else last
+        return np.frombuffer(self._bytes(noted.begin + first * kind.itemsize, (last - first) * kind.itemsize), kind)
+
+    def _keep(self, name: str, values: Array) -> int:
+        """Append a column to the file, and return where it begins."""
+        return self._append(np.ascontiguousarray(values, KINDS[name]))
+
+    def _bytes(self, begin: int, size: int) -> bytes:
+        if isinstance(self.file, Path):
+            with self.file.open("rb") as file:
+                file.seek(begin)
+                return file.read(size)
+        self.file.seek(begin)
+        return self.file.read(size)
+
+    def sync(self) -> None:
+        """Have all of it on the disk."""
+        assert not isinstance(self.file, Path)
+        os.fsync(self.file.fileno())
+
+    def close(self) -> None:
+        """Close its file, if it is open."""
+        if not isinstance(self.file, Path):
+            self.file.close()
+
+    def _append(self, column: Array) -> int:
+        begin = self.size
+        self.put(begin, column)
+        self.size += column.nbytes
+        return begin
+
+    def put(self, begin: int, column: Array) -> None:
+        """Write a column into the file, where it is to begin."""
+        assert not isinstance(self.file, Path)
+        try:
+            self.file.seek(begin)
+            self.file.write(column.data)
+            self.file.flush()
+        except OSError as error:
+            self.file.raw.close()  # what is left in the buffer would fail once more
+            raise NoRoom(error.strerror or str(error)) from error
+
+    def read(self, name: str, at: int | None, first: int, last: int) -> Array:
+        """Return a column of some slots, of a moment or of the end of the run (None)."""
+        kind, file, begin = KINDS[name], self, (self.end if at is None else self.taken[at].where)[name]
+        if at is None and name == "log_weight" and self.later is not None:
+            file, begin = self.later
+        return np.frombuffer(file._bytes(begin + first * kind.itemsize, (last - first) * kind.itemsize), kind)
+
+    def logs(self, at: int, first: int, last: int) -> Array:
+        """Return the log weights of some slots at a moment: its own, or those of the end."""
+        return self.read("log_weight", at if "log_weight" in self.taken[at].where else None, first, last)
+
+    @property
+    def layout(self) -> Layout:
+        """Which slots belong to which scenario at the end of the run."""
+        return self.taken[-1].layout
+
+    def spans(self, at: int) -> list[tuple[int, int]]:
+        """Return ranges of blocks of some PART slots each."""
+        return self.taken[at].layout.blocks.spans_of(PART)
+
+    def slots(self, at: int, span: tuple[int, int]) -> tuple[int, int]:
+        """Return the first slot of a range of blocks, and the one after its last."""
+        edges = np.append(self.taken[at].layout.blocks.first, self.n)
+        return int(edges[span[0]]), int(edges[span[1]])
+
+
+@dataclass(frozen=True)
+class Portion:
+    """Some particles of a reel: of each scenario a range of blocks, one after another."""
+
+    reel: Reel
+    slots: tuple[Slots, ...]
+
+    def read(self, name: str, at: int | None = None) -> Array:
+        """Return a column, of a moment or of the end of the run (None)."""
+        return np.concatenate([self.reel.read(name, at, first, last) for first, last, _ in self.slots])
+
+
+@contextlib.contextmanager
+def scratch(folder: Path | None) -> Iterator[Reel]:
+    """Give a file for what is made of a run's particles, which goes at the end; None: in the temporary folder."""
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            yield Reel(file, 0)
+    except NoRoom as error:
+        raise _refusal(str(error), folder) from error
+
+
+class Spool(Sequence[Snapshot]):
+    """Snapshots of a run, read back one at a time or part by part; a context, which closes its files at its end."""
+
+    def __init__(self, stretches: Sequence[Sequence[Reel]], *, worlds: bool = False) -> None:
+        """Put the reels of all shards together, stretch after stretch of the run; all moments of one are in one stretch.
+
+        worlds: whether particles share unknowns with others of their world.
+        """
+        self._stretches, self._worlds = [list(reels) for reels in stretches], worlds
+        self._moments = [(reels, at) for reels in self._stretches for at in range(len(reels[0].taken))]
+        self._scale: dict[int, tuple[float, float]] = {}  # see _normal
+        self._open = contextlib.ExitStack()  # of files besides those of the reels
+
+    @classmethod
+    def of_run(
+        cls,
+        period: Period,
+        ensemble: Ensemble,
+        moments: Iterable[Moment],
+        outputs: int,
+        *,
+        worlds: bool = False,
+        more: Callable[[Reel], None] | None = None,
+    ) -> "Spool":
+        """Take up the moments of a run as they come, in a temporary file that goes when it is closed.
+
+        Weights are theirs, or those that the ensemble has afterwards. outputs: the number of moments; more: takes down
+        what else is known at the end of the run.
+        """
+        need = ensemble.n * BYTES * outputs
+        temporary.check_room(need, "the particles at all output times")
+        try:
+            file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by __exit__
+        except OSError as error:
+            raise _refusal(error.strerror or str(error)) from error
+        reel = Reel(file, ensemble.n)
+        try:
+            reel.record(period, moments)
+            reel.end_with(ensemble)
+            if more:
+                more(reel)
+        except NoRoom as error:
+            raise _refusal(f"{error}; all output times need {notation.size(need)}") from error
+        except BaseException:
+            file.close()
+            raise
+        return cls([[reel]], worlds=worlds)
+
+    def __enter__(self) -> "Spool":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for reel in itertools.chain(*self._stretches):
+            reel.close()
+        self._open.__exit__(kind, error, trace)
+
+    @property
+    def folder(self) -> Path | None:
+        """Where its files lie; None: in the temporary folder."""
+        file = self._stretches[-1][0].file
+        return file.parent if isinstance(file, Path) else None
+
+    def portions(self) -> Iterator[Portion]:
+        """Yield all particles in portions of about PART, or of one block of each scenario where these hold more."""
+        for reel in self._stretches[-1]:
+            scenarios = list(zip(reel.layout.slots, reel.layout.block, strict=True))
+            blocks = max(-(-(last - first) // size) for (first, last, _), size in scenarios)
+            step = max(PART // sum(reel.layout.block), 1)
+            for begin in range(0, blocks, step):
+                ranges = (
+                    (min(first + begin * size, last), min(first + (begin + step) * size, last), number + begin * size)
+                    for (first, last, number), size in scenarios
+                )
+                yield Portion(reel, tuple(Slots(*own) for own in ranges))
+
+    def reweigh(self, log_weights: Iterable[Array]) -> None:
+        """Take log weights for all times that have none of their own: those of each portion, in their order."""
+        kind, begin = KINDS["log_weight"], 0
+        file = self._open.enter_context(scratch(self.folder))
+        for reel in self._stretches[-1]:
+            reel.later = file, begin
+            begin += reel.n * kind.itemsize
+        for portion, log_weight in zip(self.portions(), log_weights, strict=True):
+            assert portion.reel.later is not None
+            ahead = 0
+            for first, last, _ in portion.slots:
+                column = np.ascontiguousarray(log_weight[ahead : ahead + last - first], kind)
+                file.put(portion.reel.later[1] + first * kind.itemsize, column)
+                ahead += last - first
+        self._scale.clear()
+
+    def noted(self, name: str) -> list[tuple[Layout, Array]]:
+        """Return what has been taken down of each shard under a name, with the shard's slots."""
+        return [(reel.layout, reel.noted(name)) for reel in self._stretches[-1]]
+
+    def time(self, index: int) -> np.datetime64:
+        """Return the time of a snapshot."""
+        reels, at = self._moments[index]
+        return reels[0].taken[at].time
+
+    def __len__(self) -> int:
+        return len(self._moments)
+
+    @overload
+    def __getitem__(self, index: int) -> Snapshot: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Snapshot]: ...
+    def __getitem__(self, index: int | slice) -> Snapshot | list[Snapshot]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        (reel,), at = self._moments[index]
+        return self._some(reel, range(len(self))[index], (0, len(reel.taken[at].layout.blocks.first)))
+
+    def __iter__(self) -> Iterator[Snapshot]:
+        return (self[i] for i in range(len(self)))
+
+    @property
+    def n(self) -> int:
+        """Number of particles."""
+        return sum(reel.n for reel in self._stretches[-1])
+
+    @property
+    def outputs(self) -> list["AtTime"]:
+        """All snapshots, to be read part by part."""
+        return [AtTime(self, at) for at in range(len(self))]
+
+    def parts(self, at: int) -> Iterator[Snapshot]:
+        """Return a snapshot in parts of some PART slots."""
+        reels, own = self._moments[at]
+        return (self._some(reel, at, span) for reel in reels for span in reel.spans(own))
+
+    def _some(self, reel: Reel, number: int, span: tuple[int, int]) -> Snapshot:
+        """Return a range of blocks of a reel's part of a snapshot, by its number."""
+        at = self._moments[number][1]
+        taken = reel.taken[at]
+        own, slots = taken.layout.blocks.some(*span), reel.slots(at, span)
+        lon, lat, status = (reel.read(name, at, *slots) for name in ("lon", "lat", "status"))
+        scale, total = self._normal(number)
+        probability = np.exp(reel.logs(at, *slots).astype(np.float64) - scale) / total
+        scenario = np.repeat(own.scenario.astype(np.int32), np.diff(own.first, append=own.n))
+        family = reel.read("family", at, *slots) if "family" in taken.where else None
+        world = reel.read("world", None, *slots) if self._worlds else None
+        # What a particle drifts in is known of its end: before it was drawn anew a slot may have had another.
+        member = reel.read("member", None, *slots) if "member" in reel.end and number == len(self) - 1 else None
+        return Snapshot(
+            taken.time, lon, lat, probability, status.astype(np.int32), scenario, family, world, member, own
+        )
+
+    def _normal(self, at: int) -> tuple[float, float]:
+        """Return the largest log weight of a snapshot, and the sum of all weights in units of the largest."""
+        (reels, at), number = self._moments[at], at
+        key = number if "log_weight" in reels[0].taken[at].where else -1  # those of the end are summed once
+        if key not in self._scale:
+            spans = [(reel, span) for reel in reels for span in reel.spans(at)]
+            top = max(float(reel.logs(at, *reel.slots(at, span)).max()) for reel, span in spans)
+            sums = [
+                reel.taken[at]
+                .layout.blocks.some(*span)
+                .partial(np.exp(reel.logs(at, *reel.slots(at, span)).astype(np.float64) - top))
+                for reel, span in spans
+            ]
+            self._scale[key] = top, float(partials.merged(sums).total[0, 0])
+        return self._scale[key]
+
+    def follow(self, slots: Array) -> dict[str, Array]:
+        """Return what particles were like at all times, as columns lon, lat, status, scenario and probability, (m, times).
+
+        slots: their numbers at the last time, (m,). What was drawn anew is what its ancestors were before.
+        """
+        found: dict[str, list[Array]] = {name: [] for name in ("lon", "lat", "status", "scenario", "probability")}
+        for number in range(len(self) - 1, -1, -1):
+            own = {name: np.empty(len(slots), np.float64 if name == "probability" else np.int32) for name in found}
+            before, (reels, at) = slots.copy(), self._moments[number]
+            for reel in reels:
+                for span in reel.spans(at):
+                    part = self._some(reel, number, span)
+                    here, which = _within(part.blocks, slots)
+                    for name, values in own.items():
+                        values[which] = getattr(part, name)[here]
+                    if "ancestors" in reel.taken[at].where:
+                        before[which] = reel.read("ancestors", at, *reel.slots(at, span))[here]
+            for name, values in own.items():
+                found[name].append(values)
+            slots = before
+        return {name: np.stack(values[::-1], axis=1) for name, values in found.items()}
+
+    def at_end(self, names: Sequence[str], slots: Array) -> tuple[Array, ...]:
+        """Return columns of the ensemble at the end of the run, (m,) each; slots: numbers of particles, (m,)."""
+        columns = tuple(np.empty(len(slots), KINDS[name]) for name in names)
+        for reel in self._stretches[-1]:
+            here, which = _within(reel.taken[-1].layout.blocks, slots)
+            for begin in np.unique(here // PART * PART).tolist():
+                own = (here >= begin) & (here < begin + PART)
+                first, last = int(here[own].min()), int(here[own].max()) + 1
+                for name, column in zip(names, columns, strict=True):
+                    column[which[own]] = reel.read(name, None, first, last)[here[own] - first]
+        return columns
+
+
+def _within(blocks: Blocks, slots: Array) -> tuple[Array, Array]:
+    """Return which particles of some blocks are asked for, and where they stand among what is asked; slots: numbers."""
+    block = np.searchsorted(blocks.number, slots, "right") - 1
+    inside = slots - blocks.number[block]
+    which = np.flatnonzero((block >= 0) & (inside < np.diff(blocks.first, append=blocks.n)[block]))
+    return (blocks.first[block] + inside)[which], which
+
+
+@dataclass(frozen=True)
+class AtTime:
+    """A snapshot of a spool, to be read part by part: a drift.engine.particles.snapshot.Output."""
+
+    spool: Spool
+    at: int
+
+    @property
+    def time(self) -> np.datetime64:
+        """When it is, UTC."""
+        return self.spool.time(self.at)
+
+    @property
+    def n(self) -> int:
+        """Number of particles."""
+        return self.spool.n
+
+    def parts(self) -> Iterator[Snapshot]:
+        """Return its parts."""
+        return self.spool.parts(self.at)

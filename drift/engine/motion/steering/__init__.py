@@ -1,0 +1,1 @@
+"""Targets that steer: itineraries, lanes, and the model that moves them."""

@@ -1,0 +1,306 @@
+"""The step of a run: as the case says, or the largest whose error on a sample of its particles is small."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.engine.motion.clock import NEVER, Clock, breaks, lattice
+from drift.engine.motion.forcing_error import Errors
+from drift.engine.motion.period import ClockSpec, Period
+from drift.engine.motion.scene import Begin, Scene
+from drift.engine.particles import ensemble as record
+from drift.engine.particles.ensemble import Ensemble
+from drift.engine.particles.status import Status, on_map
+from geo import notation, sphere
+from geo.array import Array
+from geo.errors import UserError
+from geo.forcing.sources import Source
+from kernels.step import advance as kernel
+from kernels.step import curve
+from kernels.step.curve import CHORD
+
+Times = npt.NDArray[np.int64]  # [s since 1970]
+
+LADDER = (3600, 1800, 1200, 900, 600, 450, 300, 240, 180, 120, 60, 30, 15)  # [s] steps that "auto" chooses from
+RUNGS = ((0, 1), (1, 5), (5, 9), (9, 13))  # rungs of the ladder that are tried together: often the first one will do
+FEWEST = 100  # least particles from which a percentile is taken
+TRIAL_SIZE = 1000  # particles whose error decides on the step: the rank of their percentile errs by 0.7 %
+SLIDES = 600  # [s] longest step of what slides: inside a step that lies on a straight line, at an hour up to 3.5 km off
+WINDOW = 86_400  # [s] over which an error is measured
+WINDOWS = 4  # most windows: those of a longer run lie apart, evenly from its begin to its end
+DAY = 86_400
+HALF_TURN = 180.0  # [deg] cells as wide as that are of a current that is the same everywhere
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Why "auto" chose a step, and for how long tracks are straight within it."""
+
+    step: int
+    errors: dict[int, float]  # the 95th percentile of the error [m a day] of each step tried
+    straight: int = NEVER  # [s]
+
+
+def clock_of(
+    period: Period, spec: ClockSpec, errors: Errors, sources: Sequence[Source], ensemble: Ensemble, scene: Scene,
+    ends: Sequence[np.datetime64] = (), evidence: bool = False,
+) -> tuple[Clock, Trial | None]:  # fmt: skip
+    """Return the clock, on the lattice of the forcing's times, and why its step was chosen.
+
+    The step is the one asked for, or the largest whose error is small. sources: of all forcing. ends: times at
+    which a step has to end, those of contacts at which particles are placed again. evidence: whether anything looks at
+    ways inside steps, so that it matters for how long they are straight.
+    """
+    times = [notation.epochs(s.times) for s in sources if s.times.size > 1]
+    divisor, origin = lattice(times)
+    divisor = int(
+        np.gcd.reduce([divisor, *(abs(int(end) - origin) for end in notation.epochs(np.array(ends, "M8[s]")))])
+    )
+    if spec.step is not None and divisor % spec.step and ends:
+        raise UserError(
+            f"clock.step: {spec.step} s: where particles are placed anew at contacts ([resampling]) a step has to end at each; give a "
+            f'divisor of {divisor} s, "auto", or contacts at rounder times'
+        )
+    start, duration, direction = period.epoch, period.duration, period.direction
+    limits = {
+        **{reason: longest for model, _ in scene.motions for reason, longest in model.longest(errors).items()},
+        # What lands again waits for the next step: with r this share, its wait is longer by r^2 / 6, 4 %.
+        "half of the mean time on the beach": scene.place.beach.stay / 2 or np.inf,
+        "what sliding allows (inside a step what slid lies on a straight line)": SLIDES
+        if scene.place.beach.slides
+        else np.inf,
+        "the interval of the forcing": min((float(np.median(np.diff(t))) for t in times), default=np.inf),
+        "the time in which what feels the current under way crosses a cell of it": _crossing(scene, sources),
+    }
+    reason, longest = min(limits.items(), key=lambda item: item[1])
+    run = Clock(start, duration, direction, 1, 0)
+    if spec.step is None:
+        trial = choose_step(ensemble, scene, run, divisor, origin, longest, spec.tolerance, times)
+        return _stepping(run, trial.step, origin, times, trial.straight), trial
+    if spec.step > longest:
+        raise UserError(
+            f"clock.step: {spec.step} s is longer than {reason}, {longest:.0f} s: the result would depend on it; "
+            'give at most that, or "auto"'
+        )
+    step, straight = spec.step, NEVER
+    if evidence:
+        march = _March(ensemble, scene, run, [step], origin, times)
+        straight = min(found.straight(step) for found in march.windows())
+    return _stepping(run, step, origin, times, straight), None
+
+
+def _stepping(run: Clock, step: int, origin: int, times: Sequence[Times], straight: int = NEVER) -> Clock:
+    """Return the clock of a run in some step, on the lattice through `origin` [s since 1970]."""
+    return replace(run, step=step, phase=origin % step, breaks=breaks(times, step, origin), straight=straight)
+
+
+def _crossing(scene: Scene, sources: Sequence[Source]) -> float:
+    """Return the shortest time [s] in which a target that feels the current crosses a cell of a current."""
+    felt = [scene.steering.itineraries[k] for k in scene.steering.feel] if scene.steering else []
+    fastest = max((itinerary.pace for itinerary in felt if itinerary), default=0.0)
+    grids = [source.grid for source in sources if source.quantity == "current" and source.grid.dlon < HALF_TURN]
+    if fastest == 0 or not grids:
+        return np.inf
+    box = scene.place.domain
+    highest = max(abs(box.south), abs(box.south + box.height)) * sphere.UNIT
+    cells = [min(grid.dlat, grid.dlon * float(np.cos(highest))) for grid in grids]
+    return float(np.radians(min(cells)) * sphere.RADIUS / fastest)
+
+
+def choose_step(
+    ensemble: Ensemble,
+    scene: Scene,
+    clock: Clock,
+    divisor: int,
+    origin: int,
+    longest: float,
+    tolerance: float,
+    times: Sequence[Times] = (),
+) -> Trial:
+    """Return the largest step of the ladder whose error stays under a tolerance.
+
+    The error of a step is that between tracks of a sample with it and with half of it, noise off: the distance between
+    their ends, over at most a day [m a day], and inside a step the distance between where the longer one says particles
+    are and where the shorter one brings them [m] (step halving; Hairer, Norsett and Wanner 1993, II.4). It is the 95th
+    percentile among those adrift to the end with both, or ashore if hardly any is, in the worst of the windows.
+
+    Args:
+        ensemble: of the run, of which a sample is taken.
+        scene: of the run.
+        clock: from begin to end of the run; its step does not matter.
+        divisor: [s] what steps of the ladder divide: the forcing's interval.
+        origin: [s since 1970] a point of the lattice.
+        longest: [s] the longest step allowed.
+        tolerance: [m a day], and inside a step [m].
+        times: of sources [s since 1970], at which steps are cut.
+
+    Returns:
+        The step, and the errors of all that were tried.
+    """
+    ladder = [s for s in LADDER if divisor % s == 0 and s <= longest] or [_largest_divisor(divisor, longest)]
+    errors: dict[int, float] = {}
+    straight: dict[int, int] = {}
+    for first, last in RUNGS:
+        rungs = ladder[first:last]
+        if not rungs:
+            break
+        steps = sorted({*rungs, *(_half(s) for s in rungs)}, reverse=True)
+        for found in _March(ensemble, scene, clock, steps, origin, times).windows():
+            for step in rungs:
+                errors[step] = max(errors.get(step, 0.0), found.error(step))
+                straight[step] = min(straight.get(step, NEVER), found.straight(step))
+        for step in rungs:
+            if errors[step] <= tolerance:
+                return Trial(step, errors, straight[step])
+    return Trial(ladder[-1], errors, straight[ladder[-1]])
+
+
+@dataclass(frozen=True)
+class _Window:
+    """Positions of a sample after part of the run, by step; columns of shape (m,)."""
+
+    ends: dict[int, tuple[Array, Array, Array]]  # lon, lat [binary angle] and status at its end
+    days: Array  # for how long each particle drifted in it, at least an hour
+    inside: dict[int, float]  # [m] how far apart particles are by a step and by its half, half-way in a step
+    bulges: dict[int, float]  # [m] by how much a way departs from its chord at most
+
+    def error(self, step: int) -> float:
+        """Return the error of a step: see `choose_step`."""
+        (lon, lat, status), (lon_half, lat_half, status_half) = self.ends[step], self.ends[_half(step)]
+        adrift = (status == Status.ADRIFT) & (status_half == Status.ADRIFT)
+        if adrift.sum() < FEWEST:  # most went ashore: where they did so counts
+            adrift = on_map(status) & on_map(status_half)
+        if not adrift.any():
+            return 0.0
+        apart = _apart(lon, lat, lon_half, lat_half)
+        return max(float(np.percentile((apart / self.days)[adrift], 95)), self.inside[step])
+
+    def straight(self, step: int) -> int:
+        """Return for how long tracks are straight [s], by kernels.step.curve.CHORD."""
+        bulge = self.bulges[step]
+        return NEVER if bulge <= CHORD else max(int(step * np.sqrt(CHORD / bulge)), 1)
+
+
+class _March:
+    """A sample of a run's particles that goes through windows of the run with several steps side by side, noise off.
+
+    All steps go through the forcing together, so that it is read once. What has come ashore or is lost in a window is
+    back in the next one where it was last afloat, so that each window is judged by particles that drift.
+    """
+
+    def __init__(
+        self, ensemble: Ensemble, scene: Scene, run: Clock, steps: list[int], origin: int, times: Sequence[Times]
+    ) -> None:
+        """Take the sample; steps [s]: descending, each but the last of pairs followed by its half."""
+        chosen = np.unique(np.linspace(0, ensemble.n - 1, min(TRIAL_SIZE, ensemble.n)).astype(np.int64))
+        self._scene, self._run, self._origin = scene.without_noise(), run, origin
+        self._clocks = {step: _stepping(run, step, origin, times) for step in steps}
+        self._trials = {step: record.sample(ensemble, chosen) for step in steps}
+        self._stretch = int(np.lcm.reduce(steps))
+        first = self._trials[steps[-1]]
+        self._lon, self._lat, self._release = first.lon.to_numpy(), first.lat.to_numpy(), first.release.to_numpy()
+
+    def windows(self) -> Iterator[_Window]:
+        """Yield the sample after each window, for each step."""
+        duration, before = self._run.duration, 0
+        count = min(max(-(-duration // WINDOW), 1), WINDOWS)
+        lasting = min(duration / count, WINDOW)
+        for begin in np.linspace(0, duration - lasting, count).astype(int).tolist():
+            if begin > before:
+                self._leap(before, begin)
+            before = begin + math.ceil(lasting)
+            yield self._through(begin, before)
+
+    def _leap(self, begin: int, end: int) -> None:
+        """Move the sample to the next window in one step: it need only be typical, not accurate."""
+        finest = min(self._trials)
+        self._start(finest, begin)
+        low = self._run.start + self._run.direction * (begin if self._run.direction > 0 else end)
+        step = kernel.Step(0, begin, end - begin, self._run.direction)
+        trial = self._trials[finest]
+        self._scene.advance(trial, low, low + end - begin, step)
+        self._afloat(trial.lon.to_numpy(), trial.lat.to_numpy(), trial.status.to_numpy())
+
+    def _start(self, step: int, begin: int) -> None:
+        """Put the particles of a trial where the sample is."""
+        trial = self._trials[step]
+        trial.lon.from_numpy(self._lon)
+        trial.lat.from_numpy(self._lat)
+        trial.release.from_numpy(np.maximum(self._release, begin).astype(np.int32))
+        trial.status.fill(int(Status.PENDING))
+
+    def _afloat(self, lon: Array, lat: Array, status: Array) -> None:
+        """Take the sample to where the particles of a trial are, those that are adrift."""
+        adrift = status == Status.ADRIFT
+        self._lon, self._lat = np.where(adrift, lon, self._lon), np.where(adrift, lat, self._lat)
+
+    def _through(self, begin: int, end: int) -> _Window:
+        """Take the sample through a window [s after the run's start]."""
+        plan = []
+        for size, clock in self._clocks.items():
+            self._start(size, begin)
+            for low, high, step in clock.steps():
+                if begin < step.elapsed + step.duration and step.elapsed < end:
+                    together = self._run.direction * ((low - self._origin) // self._stretch)
+                    plan.append((together, -size, step.elapsed, low, high, step))
+        inside, bulges = (dict.fromkeys(self._clocks, 0.0) for _ in range(2))
+        awaited: dict[int, tuple[int, int, Array, Array, Array]] = {}  # by half: when and where, by the whole
+        seen: set[tuple[int, int]] = set()
+        ends: dict[int, tuple[Array, Array, Array]] = {}
+        for together, minus, _, low, high, step in sorted(plan):
+            size, trial = -minus, self._trials[-minus]
+            first = (together, size) not in seen
+            seen.add((together, size))
+            is_last = step.elapsed + step.duration >= end
+            kept = self._scene.advance(trial, low, high, step, keep=first or is_last)
+            status = trial.status.to_numpy()
+            over = step.elapsed + step.duration
+            if kept is not None:
+                bulges[size] = max(bulges[size], _bulge(kept, trial.lat.to_numpy(), status))
+                middle = step.elapsed + _half(size)
+                if _half(size) in self._trials and middle < over:
+                    awaited[_half(size)] = (middle, size, *_places(trial, kept, step, middle), status)
+                if is_last:
+                    ends[size] = (*_places(trial, kept, step, end), status)
+            if size in awaited and awaited[size][0] == over:
+                _, whole, lon, lat, other = awaited.pop(size)
+                both = (status == Status.ADRIFT) & (other == Status.ADRIFT)
+                if both.any():
+                    apart = _apart(lon, lat, trial.lon.to_numpy(), trial.lat.to_numpy())[both]
+                    inside[whole] = max(inside[whole], float(np.percentile(apart, 95)))
+        days = np.maximum(end - np.maximum(self._release, begin), 3600) / DAY
+        self._afloat(*ends[min(self._trials)])
+        return _Window(ends, days, inside, bulges)
+
+
+def _places(trial: Ensemble, kept: Begin, step: kernel.Step, time: int) -> tuple[Array, Array]:
+    """Return where particles are at a time inside the step just made: lon, lat [binary angle], (m,)."""
+    lon, lat = curve.places(trial, (kept.lon, kept.lat), kept.bend, step.elapsed, step.duration, time, kept.polar)
+    return lon.to_numpy(), lat.to_numpy()
+
+
+def _apart(lon: Array, lat: Array, other_lon: Array, other_lat: Array) -> Array:
+    """Return the distances [m] between places [binary angle], (m,)."""
+    return sphere.distance(*(x * sphere.UNIT for x in (lon, lat, other_lon, other_lat)))
+
+
+def _bulge(kept: Begin, lat: Array, status: Array) -> float:
+    """Return the largest distance of drifting particles' tracks from their chords [m]."""
+    off = curve.MOST * np.abs(kept.bend.to_numpy()).reshape(-1, 2, 2).sum(axis=1)
+    if not kept.polar:
+        off *= sphere.UNIT * sphere.RADIUS
+        off[:, 0] *= np.cos(lat * sphere.UNIT)
+    return float(np.hypot(*off.T)[status == Status.ADRIFT].max(initial=0.0))
+
+
+def _half(step: int) -> int:
+    """Return half a step, or the largest other share of it in whole seconds."""
+    return step // 2 if step % 2 == 0 else step // 3 if step % 3 == 0 else 1
+
+
+def _largest_divisor(number: int, most: float) -> int:
+    """Return the largest whole number of seconds, at most a quarter of an hour, that divides `number`."""
+    return next(s for s in range(int(max(min(most, 900, number), 1)), 0, -1) if number % s == 0)

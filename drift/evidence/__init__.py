@@ -1,0 +1,1 @@
+"""What searches, contacts and sensors reveal about the particles."""

@@ -1,0 +1,184 @@
+"""What is told of each sortie, contact and word of a sensor, made from what it did to all particles of a run.
+
+The filter (drift.evidence.filter.filter) hands over an event as it takes effect, with columns of all particles, which are gone
+through part by part. Where the run is in shards these were taken down; what is told has the same bits for any number of them.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drift.engine.motion.ensemble_spec import EnsembleSpec
+from drift.engine.particles import partials, weights
+from drift.engine.particles.columns import Columns
+from drift.engine.particles.ensemble import Layout
+from drift.engine.particles.partials import Blocks
+from drift.engine.particles.weights import Weighed
+from drift.evidence.filter.crossings import Crossings
+from drift.evidence.filter.records import Kind, Sortie
+from drift.evidence.filter.standing import Standing, standing
+from drift.evidence.filter.updates import Update, Updates
+from geo.array import Array
+from geo.errors import UserError
+
+# Takes an update, and columns of all particles: log weights `before` and `after` it and, where any has been drawn anew,
+# `lineage`, the particle of the begin from which each descends.
+Noted = Callable[[Update, Columns], None]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that took effect, and what particles were like then.
+
+    Columns before, after: log weights. release [s after start]. lineage: the particle of the begin from which each descends,
+    where any has been drawn anew. never: share of the time that no sortie searched it, once one has. Of a sortie also
+    searched: the same share of this one; there: whether it lay ashore, or had run aground.
+    """
+
+    name: str
+    kind: Kind
+    time: np.datetime64
+    columns: Columns
+    unit: float = 0.0  # log of what `after` is in units of: it belongs to the evidence, and not to the weights
+    middle: float = 0.0  # of a sortie [s after start]
+    certain: bool = True  # whether it is told even if it says nothing new
+
+
+class Account:
+    """All updates of a run, in the order in which they took effect."""
+
+    def __init__(self, spec: EnsembleSpec, noted: Noted | None = None) -> None:
+        """Make ready; noted: is told of each update."""
+        self.updates: list[Update] = []
+        self._spec, self._noted = spec, noted
+        self._prior = np.zeros(len(spec.scenarios))
+        self._missed = np.ones(len(spec.scenarios) + 1)  # product of 1 - POS so far
+        self._least = np.inf  # effective particles after any update
+
+    def begin(self, columns: Columns) -> None:
+        """Take down the prior, by the `log_weight` of particles."""
+        self._prior = _weighed(columns, "log_weight").scenarios
+
+    def told(self, sorties: Sequence[Callable[[int], Sortie]], crossings: Crossings | None) -> Updates:
+        """Return what has happened; sorties: each as it was flown, if a scenario, by number, is true."""
+        last = self.updates[-1].posterior if self.updates else self._prior
+        flown = tuple(
+            sortie(int(np.argmax(last))) for sortie in sorties
+        )  # they drift with their markers in the likeliest
+        names = tuple(scenario.name for scenario in self._spec.scenarios)
+        return Updates(names, self._prior, tuple(self.updates), flown, crossings)
+
+    def take(self, event: Event) -> None:
+        """Take an update down. Raises UserError where it leaves no particle any weight."""
+        columns = event.columns
+        if not event.certain and not _says_anything(columns):
+            return
+        then, now = (_weighed(columns, name) for name in ("before", "after"))
+        evidence = self._evidence(then, now, event)
+        ess = _effective(columns, "after", now)
+        self._least = min(self._least, ess)
+        update = Update(
+            event.name, event.kind, event.time, evidence, now.scenarios, _effective(columns, "before", then), ess,
+            standing=standing(event.time, columns.named("after", "log_weight"), self._least, self._spec.period.duration),
+            distinct=self.updates[-1].distinct if self.updates else 1.0,
+        )  # fmt: skip
+        if event.kind == "sortie":
+            update = self._found(update, event, then.largest)
+        self.updates.append(update)
+        if self._noted is not None:
+            self._noted(update, columns)
+
+    def drawn_anew(self, log_weight: Array, lineage: Array, layout: Layout, many: int) -> None:
+        """Take down that particles were drawn anew after the last update: their log weights and lineage (n,).
+
+        many: of them at first.
+        """
+        distinct = len(np.unique(lineage[log_weight > -np.inf])) / many
+        ess = weights.weighed(log_weight, layout.blocks).ess
+        self.updates[-1] = replace(self.updates[-1], ess_resampled=ess, distinct=distinct)
+
+    def filled(self, log_weight: Array, layout: Layout) -> None:
+        """Take down that particles were placed anew after the last update, which was a contact: their log weights (n,)."""
+        ess = weights.weighed(log_weight, layout.blocks).ess
+        self.updates[-1] = replace(self.updates[-1], ess_resampled=ess, filled="contact")
+
+    def lost(self) -> None:
+        """Take down that the last update left so few particles that the track is lost."""
+        self.updates[-1] = replace(self.updates[-1], filled="lost")
+
+    def _found(self, update: Update, event: Event, top: float) -> Update:
+        """Return an update with what is told of a sortie that found nothing; top: largest log weight before it."""
+        pos = np.nan_to_num(-np.expm1(update.log_evidence))  # a scenario that had no weight finds nothing
+        self._missed = self._missed * (1 - pos)
+        survival, sums = any(scenario.survival for scenario in self._spec.scenarios), []
+        names = ("before", "after", "searched", "there", "release")
+        for blocks, before, after, searched, there, release in event.columns.parts(*names):
+            weight = weights.relative(before, top)
+            lost = weight - weights.relative(after, top)
+            parts = [weight, np.maximum(weight * searched, lost), lost * there]
+            if survival:
+                parts.append(lost * self._alive(blocks, release, event.middle))
+            sums.append(blocks.partial(*parts))
+        merged = partials.merged(sums)
+        under, *over = np.concatenate([merged.by_scenario[:, 0], merged.total]).T
+        poc, ashore, *alive = (np.divide(part, under, out=np.zeros(len(under)), where=under > 0) for part in over)
+        return replace(
+            update,
+            poc=poc,
+            pos=pos,
+            ashore=ashore,
+            alive=alive[0] if alive else None,
+            cumulative=1 - self._missed,
+        )
+
+    def _evidence(self, then: Weighed, now: Weighed, event: Event) -> Array:
+        """Return the log of mean weight after over before, by scenario and of all; refuse what no scenario allows."""
+        whole = now.log_sum - then.log_sum
+        with np.errstate(invalid="ignore"):  # NaN for a scenario that had no weight before
+            sums = now.log_sums - then.log_sums
+        if not np.isfinite(whole):
+            names = ", ".join(f'"{s.name}"' for s in self._spec.scenarios)
+            raise UserError(
+                f'{event.kind} "{event.name}" contradicts every scenario ({names}): after it no particle has any weight, '
+                "and nothing can be said. Check its place, time and error, or allow for doubt: a POD or detection below 1, "
+                "a belief below 1, false alarms, or a wider prior"
+            )
+        return np.array([*sums, whole]) + event.unit
+
+    def _alive(self, blocks: Blocks, release: Array, middle: float) -> Array:
+        """Return the chance of being alive in the middle of a sortie of each particle of some blocks; 1 without survival times."""
+        alive = np.ones(blocks.n)
+        for number, own in zip(blocks.scenario, blocks.spans, strict=True):
+            survival = self._spec.scenarios[number].survival
+            if survival:
+                alive[own] = survival.alive(middle - release[own])
+        return alive
+
+
+def _weighed(columns: Columns, name: str) -> Weighed:
+    """Return what is needed of a column of log weights."""
+    return weights.merged([weights.weighed(log_weight, blocks) for blocks, log_weight in columns.parts(name)])
+
+
+def _says_anything(columns: Columns) -> bool:
+    """Return whether an update takes all of its weight from any particle."""
+    parts = columns.parts("before", "after")
+    return any(((before > -np.inf) & (after == -np.inf)).any() for _, before, after in parts)
+
+
+def _effective(columns: Columns, name: str, own: Weighed) -> float:
+    """Return the effective number of particles by a column of log weights, copies as one (drift.forecast.effective)."""
+    if "lineage" not in columns:
+        return own.ess
+    runs = [
+        blocks.runs(lineage, weights.relative(log_weight, own.largest))
+        for blocks, lineage, log_weight in columns.parts("lineage", name)
+    ]
+    family, weight = (np.concatenate(column) for column in zip(*runs, strict=True))
+    return weights.effective(np.bincount(family, weight))
+
+
+def begun(spec: EnsembleSpec, columns: Columns) -> Standing:
+    """Return how a search stands before any sortie or contact, by the `log_weight` and `release` of its particles."""
+    return standing(spec.period.start, columns, _weighed(columns, "log_weight").ess, spec.period.duration)

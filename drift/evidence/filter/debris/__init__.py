@@ -1,0 +1,1 @@
+"""Debris that contacts report, and particles guided toward it."""

@@ -1,0 +1,1 @@
+"""How sensors detect: detection functions, sweep widths, looks, listening."""

@@ -1,0 +1,199 @@
+"""A sensor of the case that watches for a time and tells of nothing: what that makes of the weights.
+
+It is a passive sonar, or a table of POD. It has the manners of drift.evidence.filter.exposure, whose place it takes for sorties with such a sensor.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drift.engine.motion import scene
+from drift.engine.motion.forcing import Forcing
+from drift.engine.motion.scene import Begin
+from drift.engine.motion.steering.steer import Helm
+from drift.engine.particles.ensemble import Ensemble
+from drift.evidence.filter.detection import sensor_path
+from drift.evidence.filter.markers import Marker
+from drift.evidence.filter.records import Sortie
+from drift.evidence.sensors import grid_pod, unknown
+from drift.evidence.sensors.hearing import Ear
+from drift.evidence.sensors.records import PodGrid, Sonar
+from geo import notation, sphere
+from geo.array import Array
+from kernels.evidence import listen, sweep, watch
+from kernels.evidence.glimpse import Pods
+from kernels.evidence.listen import Laid, Stretch
+from kernels.runtime import runtime
+from kernels.step.advance import Step
+
+Device = Any
+
+HARDLY = 0.25  # [dB] by which the noise may change within a part of a stretch
+MOST_PARTS = 64
+HEARD = 0.01  # chance of having been heard from which on a particle counts as one that was listened for
+
+
+@dataclass(frozen=True)
+class Silent:
+    """What a sensor keeps of each particle, on the device: see kernels.evidence.listen; of a table of POD only the misses."""
+
+    log_missed: Device  # (factors * n,)
+    edges: Device | None = None  # (STAIRS * factors * n,)
+    held: Device | None = None
+
+    @property
+    def columns(self) -> dict[str, Device]:
+        """Its columns by name."""
+        return {name: column for name, column in vars(self).items() if column is not None}
+
+    def copy(self) -> "Silent":
+        """Return a copy."""
+        return Silent(**{name: runtime.copy(column) for name, column in self.columns.items()})
+
+
+class Listening:
+    """One watch of a sensor in one run; times are seconds after the run's start."""
+
+    def __init__(self, sortie: Sortie, start: int) -> None:
+        """Make ready; start: of the run [s since 1970]."""
+        assert sortie.sensor is not None
+        assert sortie.legs is not None
+        self.sortie, self._start = sortie, start
+        self.begin, self.end = notation.epoch(sortie.start) - start, notation.epoch(sortie.end) - start
+        sees = sortie.sensor.sees
+        self._sees = Ear(sees, sortie.beams) if isinstance(sees, Sonar) else sees
+        self.factors, self.chances = unknown.values(sortie.sensor)
+        self._path = sensor_path.of_legs(sortie.legs, start)
+        self._seen = self.begin  # the time [s] up to which its columns count
+        self.exposed: Silent | None = None  # what it has done to each particle; None: nothing yet
+
+    @property
+    def key(self) -> tuple[str, float]:
+        """What watches and looks have in common that share an unknown."""
+        assert self.sortie.sensor is not None
+        return unknown.key(self.sortie.sensor)
+
+    @property
+    def markers(self) -> list[Marker]:
+        """It drifts with none."""
+        return []
+
+    def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
+        """Do nothing: it is over the ground."""
+
+    def as_flown(self, scenario: int, start: int) -> Sortie:
+        """Return the sortie."""
+        return self.sortie
+
+    def ready(self, ensemble: Ensemble, steers: bool) -> Silent:
+        """Return what it has done to particles, nothing as yet."""
+        if self.exposed is None:
+            columns = listen.columns(ensemble.n, len(self.factors))
+            if isinstance(self._sees, PodGrid):
+                columns = {"log_missed": columns["log_missed"]}
+            self.exposed = Silent(**{name: runtime.upload(column) for name, column in columns.items()})
+        return self.exposed
+
+    def expose(
+        self, ensemble: Ensemble, begin: Begin, helm: Helm | None, step: Step, until: int, keep: bool = True
+    ) -> Silent:
+        """Return what it has done to each particle until a time within the step that was just made.
+
+        begin: where particles began the step; helm: what steers them. keep: whether its own columns change.
+        """
+        exposed = self.ready(ensemble, helm is not None)
+        first, last = max(self._seen, step.elapsed, self.begin), min(until, self.end)
+        if first >= last:
+            return exposed
+        if keep:
+            self._seen = last
+        else:
+            exposed = exposed.copy()
+        kept = tuple(exposed.columns.values())
+        every = range(len(ensemble.scenarios))
+        for paths in scene.paths(ensemble, begin, helm, step, (first, last), every):
+            low, high = paths.cut(first, last)
+            for pods, sonar, stretch in self._stretches(low, high, paths.elapsed):
+                if pods is not None:
+                    watch.look_along(ensemble, paths, stretch, pods, self.sortie.ashore, kept[0])
+                elif sonar is not None:
+                    watch.listen_along(ensemble, paths, sonar, kept)
+        return exposed
+
+    def _stretches(self, first: float, last: float, elapsed: int) -> Iterator[tuple[Pods | None, Laid | None, Stretch]]:
+        """Yield the stretches of its way between two times, each with its table of POD or its sonar; times from `elapsed`."""
+        track = self._path.between(first, last, elapsed, None, (0.0, 0.0))
+        if track is None:
+            return
+        for k, seeks in enumerate(track.searching):
+            whole = Stretch(*track.time[k : k + 2].tolist(), *_places(track.place, k))
+            if isinstance(self._sees, PodGrid):
+                if seeks:
+                    yield grid_pod.tables(self._sees, self._middle(whole, elapsed), self._lasting), None, whole
+                continue
+            for stretch, share in self._parts(self._sees, whole, elapsed):
+                tables = self._tables(self._sees, stretch, elapsed, track.course[4 * k : 4 * k + 4], share)
+                if not seeks:
+                    tables = tables._replace(gains=np.full(1, -math.inf, np.float32))
+                yield None, listen.laid(stretch, tables, self.factors), stretch
+
+    def _parts(self, own: Ear, whole: Stretch, elapsed: int) -> Iterator[tuple[Stretch, float]]:
+        """Give a stretch in parts in which the noise hardly changes, each with the share of the whole at its middle."""
+        times = [np.datetime64(self._start + elapsed + round(t), "s") for t in (whole.begin, whole.end)]
+        many = min(max(math.ceil(own.change(times[0], times[1]) / HARDLY), 1), MOST_PARTS)
+        nodes = np.arange(many + 1) / many
+        at, way = np.array(whole.place), np.array(whole.to, np.int64) - whole.place
+        way[0] = (way[0] + 2**31) % 2**32 - 2**31
+        places = at + np.rint(nodes[:, None] * way).astype(np.int64)
+        places[:, 0] = (places[:, 0] + 2**31) % 2**32 - 2**31
+        seconds = (whole.begin + nodes * (whole.end - whole.begin)).tolist()
+        for k in range(many):
+            (x, y), (to_x, to_y) = places[k : k + 2].tolist()
+            yield Stretch(seconds[k], seconds[k + 1], (x, y), (to_x, to_y)), (k + 0.5) / many
+
+    @property
+    def _lasting(self) -> float:
+        """How long it watches [s]."""
+        return float(self.end - self.begin)
+
+    def _middle(self, stretch: Stretch, elapsed: int) -> np.datetime64:
+        """Return when it is in the middle of a stretch of its way, in a step that begins at `elapsed` [s]."""
+        return np.datetime64(self._start + elapsed + round(0.5 * (stretch.begin + stretch.end)), "s")
+
+    def _tables(self, own: Ear, stretch: Stretch, elapsed: int, course: Array, share: float) -> listen.Tables:
+        """Return the tables of a sonar in the middle of a stretch of its way; share: of what it has the course of."""
+        sensor = self.sortie.sensor
+        assert sensor is not None
+        lon, lat = (a + 0.5 * sphere.wrap(b - a) for a, b in zip(*_radians(stretch), strict=True))
+        heading = sensor.heading
+        if sensor.place is None:
+            east, north = course[:2] + share * (course[2:] - course[:2])
+            heading = math.atan2(east, north)
+        return own.tables(float(lon), float(lat), heading, self._middle(stretch, elapsed))
+
+    def fail(self, ensemble: Ensemble, exposed: Silent, shared: Device, log_weight: Device) -> None:
+        """Multiply weights by the chance that it has heard nothing of each particle, in place.
+
+        shared: logs of these by value of the unknown, of all watches and looks so far that share it.
+        """
+        ones = np.ones((len(ensemble.scenarios), len(self.factors)))
+        sweep.fail(ensemble.scenario, sweep.MISS, exposed.log_missed, ones, self.chances, shared, log_weight)
+
+    def searched(self) -> Array:
+        """Return which particles it listened for, 1 or 0, float64 (n,): those that it would have heard once in 100."""
+        assert self.exposed is not None
+        chances = np.log(self.chances)[:, None] + self.exposed.log_missed.to_numpy().reshape(len(self.factors), -1)
+        return np.asarray(np.logaddexp.reduce(chances, axis=0) < math.log1p(-HEARD), np.float64)
+
+
+def _places(place: Array, k: int) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return where piece k of a track begins and ends [binary angle]."""
+    at = place[2 * k : 2 * k + 4].tolist()
+    return (at[0], at[1]), (at[2], at[3])
+
+
+def _radians(stretch: Stretch) -> tuple[Array, Array]:
+    return np.array(stretch.place) * sphere.UNIT, np.array(stretch.to) * sphere.UNIT

@@ -1,0 +1,256 @@
+"""Sensors that look on over a time: fields, barriers, and lines whose first crossing is told.
+
+While the ensemble moves, each keeps for every particle the probability that things have stayed as they were: that the
+field or the line has not been touched, or that the field has not been left. Steps are cut where something else asks
+where the particles are, for their ways are tied down there.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from drift.engine.motion.ensemble_spec import EnsembleSpec
+from drift.engine.motion.scene import Begin, Scene
+from drift.engine.motion.simulate import PositionsAt
+from drift.engine.particles.ensemble import Ensemble
+from drift.evidence.filter.crossings import Watched
+from drift.evidence.filter.detection import looks, sensor_shape
+from drift.evidence.filter.records import Barrier, Kind, Line, Presence, Sensors
+from geo import notation
+from geo.array import Array
+from kernels.evidence import observe
+from kernels.evidence.observe import Shape, Window
+from kernels.runtime import runtime
+from kernels.steering import pieces
+from kernels.steering.pieces import Paths
+from kernels.step import curve
+from kernels.step.advance import Step
+
+Device = Any
+Places = tuple[Device, Device]  # lon and lat
+
+FOR_EVER = 2**31 - 1  # [s] when a line is no longer looked at
+
+
+@dataclass(eq=False)
+class Observer:
+    """One sensor in one run; times are seconds after the run's start."""
+
+    what: Presence | Barrier | Line
+    begin: int
+    end: int
+    shape: Shape
+    besides: int = observe.WHETHER
+    report: tuple[float, float] = (0.0, 1.0)  # time [s] and error [s]
+    columns: list[Device] = field(default_factory=list)  # see kernels.evidence.observe.observe_along: stayed, told
+
+    def ready(self, n: int) -> list[Device]:
+        """Return its columns of n particles, which it has from when it begins."""
+        if not self.columns:
+            told = np.full(n if self.besides else 1, -1.0 if self.besides == observe.WHEN else 0.0, np.float32)
+            self.columns = [runtime.empty(n), runtime.upload(told)]
+        return self.columns
+
+    def likelihood(self, columns: list[Device], over: bool) -> Array | None:
+        """Return the log likelihood of what it says, float64 (n,); None where it has said nothing yet.
+
+        over: whether it is over. Until then what has always been so is known: that a field or barrier says nothing, or that
+        a field says that the object is still in it.
+        """
+        stayed = columns[0].to_numpy().astype(np.float64)
+        if isinstance(self.what, Presence):
+            throughout = self.what.present == "throughout"
+            if self.what.present == "sometime" and not over:
+                return None
+            chance = np.exp(stayed) if throughout else -np.expm1(stayed)
+            return looks.said(chance, self.what.present != "never", self.what.detection, self.what.false_alarms)
+        if isinstance(self.what, Line):
+            return None
+        missed = 1 + self.what.detection * np.expm1(stayed)
+        if self.what.reported is not None:
+            if not over:
+                return None
+            missed = self.what.detection * columns[1].to_numpy() + self.what.false_rate * missed
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.log(missed))
+
+    @property
+    def kind(self) -> Kind:
+        """What it is, as updates call it."""
+        return "presence" if isinstance(self.what, Presence) else "barrier"
+
+    @property
+    def positive(self) -> bool:
+        """Whether it says that the object was there, rather than that it was not."""
+        if isinstance(self.what, Presence):
+            return self.what.present != "never"
+        return isinstance(self.what, Barrier) and self.what.reported is not None
+
+
+class Observers:
+    """All sensors of a run that look on over a time."""
+
+    def __init__(self, spec: EnsembleSpec, sensors: Sensors, ensemble: Ensemble, scene: Scene) -> None:
+        """Make ready for a run of an ensemble that has been drawn from `spec`, through a scene."""
+        self._spec, self._ensemble, self._scene = spec, ensemble, scene
+        looking: list[Presence | Barrier] = [*sensors.presences, *sensors.barriers]
+        self._waiting = [observer(what, spec) for what in looking]
+        self.lines = [observer(line, spec) for line in sensors.lines]
+        self._all = (*self._waiting, *self.lines)
+        self._step: Step | None = None
+        self._begin: Begin | None = None
+        self._known: tuple[int, Places] | None = None  # when in the step, and where, its particles are known to be last
+        self._cuts = 0  # parts of the step so far
+
+    @property
+    def columns(self) -> dict[str, Device]:
+        """What those that are not over have of particles, by name."""
+        return {
+            f"sensor {number} {which}": column
+            for number, seen in enumerate(self._all)
+            if seen in self.lines or seen in self._waiting
+            for which, column in enumerate(seen.columns)
+            if which == 0 or seen.besides != observe.WHETHER
+        }
+
+    def column(self, number: int, which: int) -> Device:
+        """Return a column of one of them, made where it is not there yet."""
+        return self._all[number].ready(self._ensemble.n)[which]
+
+    def over_by(self, time: int) -> None:
+        """Take it that all that was over by a time is past."""
+        self._waiting = [seen for seen in self._waiting if seen.end > time]
+
+    def watched(self) -> list[Watched]:
+        """Return the lines, and what they have seen so far."""
+        found = []
+        for seen in self.lines:
+            assert isinstance(seen.what, Line)
+            stayed, told = seen.ready(self._ensemble.n)
+            found.append(Watched(seen.what, stayed.to_numpy(), told.to_numpy()))
+        return found
+
+    def stops(self, after: int, until: int, step: Step | None = None) -> set[int]:
+        """Return the times in (after, until] at which one of them begins or is over [s after start].
+
+        step: that reaches from one to the other; between its straight pieces ways are tied down where one looks on.
+        """
+        times = {time for seen in self._waiting for time in (seen.begin, seen.end)}
+        if step is not None and self.looking(until):
+            times |= set(curve.edges(step.elapsed, step.duration, step.pieces)[1:-1])
+        return {time for time in times if after < time <= until}
+
+    def looking(self, until: int) -> bool:
+        """Return whether one of them looks on before a time."""
+        return bool(self.lines) or any(seen.begin < until for seen in self._waiting)
+
+    def moved(self, begin: Begin | None) -> None:
+        """Take note of where the particles began the step that has just been made."""
+        self._begin = begin
+
+    def before(self, step: Step) -> None:
+        """Remember where a step begins, if one of them looks on in it."""
+        self._step, self._known, self._cuts = step, None, 0
+        end = step.elapsed + step.duration
+        if self.looking(end):
+            # Nothing moves before the run begins, though its first step may.
+            self._known = max(step.elapsed, 0), self._now()
+
+    def _now(self) -> Places:
+        return runtime.copy(self._ensemble.lon), runtime.copy(self._ensemble.lat)
+
+    def cut(self, time: int, place: PositionsAt) -> None:
+        """See what has happened until a time at which it is asked where particles are: from there their ways go on."""
+        if self._known is None or time <= self._known[0]:
+            return
+        lon, lat = place(self._ensemble, self._scene, None, time)
+        places = runtime.upload(lon.astype(np.int32)), runtime.upload(lat.astype(np.int32))
+        self._see(time, places, [(seen, seen.ready(self._ensemble.n)) for seen in self._open(time)])
+        self._known, self._cuts = (time, places), self._cuts + 1
+
+    def watch(self, until: int) -> None:
+        """See what happens until the end of the step that has just been made."""
+        if self._known is not None and until > self._known[0]:
+            places = self._ensemble.lon, self._ensemble.lat
+            self._see(until, places, [(seen, seen.ready(self._ensemble.n)) for seen in self._open(until)])
+        self._known = None
+
+    def _open(self, until: int) -> list[Observer]:
+        """Return those that look on from when places were last known until a time."""
+        assert self._known is not None
+        return [seen for seen in (*self._waiting, *self.lines) if seen.begin <= self._known[0] and until <= seen.end]
+
+    def _see(self, until: int, places: Places, every: list[tuple[Observer, list[Device]]]) -> None:
+        assert self._step is not None
+        assert self._known is not None
+        since, before = self._known
+        window = Window(self._step.number, self._cuts, since, until - since)
+        k = math.sqrt(2 * self._spec.errors.diffusivity)  # what drifts walks about its way as its diffusivity has it
+        for paths in self._paths(before, places, window):
+            for seen, columns in every:
+                observe.observe_along(
+                    self._ensemble, paths, before, places, window, k, seen.shape, seen.besides, seen.report, *columns
+                )
+
+    def _paths(self, before: Places, after: Places, window: Window) -> Iterator[Paths]:
+        """Yield the paths of what steers in the step, then of what drifts in a part of it."""
+        assert self._step is not None
+        helm, e, scenarios = self._scene.helm(self._ensemble), self._ensemble, self._spec.scenarios
+        if helm and self._begin and self._begin.helm:
+            steered = helm.paths(self._begin.helm, self._step, range(len(scenarios)))
+            if steered:
+                yield steered
+        drifts = e.batch([number for number, own in enumerate(scenarios) if own.model in own.models])
+        if drifts.last > drifts.first:  # where all steer, its kernel need not be compiled
+            begun = self._adrift_from(window.since, before)
+            yield pieces.straight(e, drifts, begun, after, window.since, window.lasting, window.step)
+
+    def _adrift_from(self, since: int, places: Places) -> Places:
+        """Return where each particle's drift begins: where it was, or where it went adrift since [s]."""
+        if self._begin is None or self._begin.helm is None:
+            return places
+        later = self._ensemble.release.to_numpy() > since
+        began = self._begin.lon, self._begin.lat
+        lon, lat = (np.where(later, new.to_numpy(), old.to_numpy()) for new, old in zip(began, places, strict=True))
+        return runtime.upload(lon), runtime.upload(lat)
+
+    def over(self, time: int) -> list[Observer]:
+        """Return those that are over at a time, for the last time."""
+        over = [seen for seen in self._waiting if seen.end == time]
+        self._waiting = [seen for seen in self._waiting if seen.end != time]
+        return over
+
+    def so_far(self, time: int) -> Array | None:
+        """Return the log likelihood (n,) of what those that are not over have said until a time; None: nothing.
+
+        At a time within a step it is what they have said until they last saw where particles are.
+        """
+        total: Array | None = None
+        looking = [seen for seen in self._waiting if seen.begin < time]
+        at_end = self._step is not None and time == self._step.elapsed + self._step.duration
+        for seen in looking:
+            columns = seen.columns
+            if at_end and self._known is not None and time > self._known[0] and seen in self._open(time):
+                columns = [runtime.copy(column) for column in seen.ready(self._ensemble.n)]
+                self._see(time, (self._ensemble.lon, self._ensemble.lat), [(seen, columns)])
+            likelihood = seen.likelihood(columns, over=False) if columns else None
+            if likelihood is not None:
+                total = likelihood if total is None else total + likelihood
+        return total
+
+
+def observer(what: Presence | Barrier | Line, spec: EnsembleSpec) -> Observer:
+    """Return a sensor made ready for a run."""
+    if isinstance(what, Line):
+        return Observer(what, 0, FOR_EVER, sensor_shape.of_line(what.points), observe.WHEN)
+    begin, end = spec.period.elapsed(what.start), spec.period.elapsed(what.end)
+    if isinstance(what, Presence):
+        return Observer(what, begin, end, sensor_shape.of_field(what.field, stays=what.present == "throughout"))
+    shape = sensor_shape.of_line(what.points)
+    if what.reported is None:
+        return Observer(what, begin, end, shape)
+    report = float(notation.epoch(what.reported) - spec.period.epoch), what.error
+    return Observer(what, begin, end, shape, observe.REPORT, report)

@@ -1,0 +1,103 @@
+"""What a search hands out: what each sortie, contact and sensor has done, and which lines are crossed.
+
+It comes as a table, as shapes for a GIS, and in pictures.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from drift.evidence.filter import crossings
+from drift.evidence.filter.products import report
+from drift.evidence.filter.products import tables as search_tables
+from drift.evidence.filter.records import NO_SENSORS, Contact, Sensors, Sortie
+from drift.evidence.filter.updates import Updates
+from drift.forecast.build import Forecast
+from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.maps.imprint import Setting
+
+
+@dataclass(frozen=True)
+class Matter:
+    """What the files and pictures are made from."""
+
+    updates: Updates
+    contacts: Sequence[Contact]
+    forecast: Forecast
+    setting: Setting
+    sensors: Sensors = NO_SENSORS
+
+
+def _evidence(matter: Matter, path: Path) -> None:
+    from drift.evidence.filter.products import evidence_map  # imported here, for Matplotlib takes a second
+
+    evidence_map.draw(matter.updates, path, matter.setting)
+
+
+def _search(matter: Matter, path: Path, page: int = 1) -> None:
+    from drift.evidence.filter.products import map as search_map
+
+    sorties = matter.updates.sorties
+    search_map.draw(
+        matter.forecast,
+        sorties,
+        matter.contacts,
+        matter.updates,
+        path,
+        matter.setting,
+        page=page,
+        sensors=matter.sensors,
+    )
+
+
+def _lines(matter: Matter, path: Path) -> None:
+    from drift.evidence.filter.products import crossings_map
+
+    crossings_map.draw(matter.updates, path, matter.setting)
+
+
+FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+    "sorties.csv": lambda matter, stamped: search_tables.csv(matter.updates, stamped["run_id"]),
+    "sorties.geojson": lambda matter, stamped: search_tables.shapes(
+        matter.updates.sorties, matter.contacts, matter.updates, stamped, matter.sensors
+    ),
+}
+PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+    "evidence.png": _evidence,
+}
+# Maps of the sorties, which need a forecast with outputs at their times.
+MAPS: dict[str, Callable[[Matter, Path], None]] = {
+    "search.png": _search,
+}
+# Of lines whose first crossing is asked for.
+LINE_FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+    "lines.csv": lambda matter, stamped: crossings.csv(matter.updates.crossings, stamped["run_id"]),
+}
+LINE_PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+    "lines.png": _lines,
+}
+
+
+def chapter(matter: Matter, *, mapped: bool) -> Chapter:
+    """Return the chapter of a search; mapped: whether the forecast has outputs at the times of its sorties."""
+    told = bool(matter.updates.all or matter.updates.sorties)
+    files, pictures = (bound(FILES, matter), bound(PICTURES, matter)) if told else ({}, {})
+    if matter.updates.crossings is not None:
+        files, pictures = files | bound(LINE_FILES, matter), pictures | bound(LINE_PICTURES, matter)
+    if mapped and matter.updates.sorties:
+        from drift.evidence.filter.products import map as search_map
+
+        more = range(2, 1 + search_map.pages(matter.updates.sorties))
+        pictures |= bound(MAPS, matter) | {f"search-{page}.png": partial(_search, matter, page=page) for page in more}
+    sorties = [sortie for sortie in matter.updates.sorties if not sortie.planned]  # the plan shows those
+    leaves = (partial(report.of, matter.updates, sorties, matter.contacts, matter.sensors),) if told else ()
+    return Chapter({"search": search_tables.numbers(matter.updates)}, files, pictures, leaves=leaves)
+
+
+def overlay(sorties: Sequence[Sortie], contacts: Sequence[Contact], time: Any, sensors: Sensors = NO_SENSORS) -> Any:
+    """Return what the map of a forecast shows of a search at a time, a drift.products.maps.overlay.Overlay."""
+    from drift.evidence.filter.products import layers
+
+    return layers.reminder(sorties, contacts, time, sensors)

@@ -1,0 +1,84 @@
+"""What report.html shows of a search: sorties, contacts, sensors and lines on the map, and what each has done."""
+
+from collections.abc import Sequence
+
+from drift.evidence.filter.records import Contact, Sensors, Sortie
+from drift.evidence.filter.updates import Updates, together
+from drift.products.report import leaves
+from drift.products.report.leaves import Leaf
+from geo import notation
+
+FILE = "sorties.geojson"
+SORTIE = [
+    ("unit", "Unit", "words"), ("start", "Start", "time"), ("end", "End", "time"), ("pod", "POD", "share"), ("poc", "POC", "share"),
+    ("pos", "POS", "share"),
+]  # fmt: skip
+SEEN = [
+    ("time", "Time", "time"),
+    ("start", "From", "time"),
+    ("end", "To", "time"),
+    ("log_evidence", "ln evidence", "number"),
+]
+
+
+def of(updates: Updates, sorties: Sequence[Sortie], contacts: Sequence[Contact], sensors: Sensors) -> list[Leaf]:
+    """Return the leaves of a search; sorties: those that have been flown."""
+    shown: list[Leaf] = []
+    if sorties:
+        of_sortie = {"kind": "sortie", "name": [sortie.name for sortie in sorties]}
+        shown += [
+            leaves.shapes("Sorties", FILE, "searched", where={**of_sortie, "shape": ["area", "zones", "point"]}, when=leaves.DURING, label="name", told=SORTIE),
+            leaves.shapes("Legs flown", FILE, "legs", where={**of_sortie, "shape": "legs"}, when=leaves.DURING, told=SORTIE),
+            leaves.shapes("Transits", FILE, "transit", where={**of_sortie, "shape": "transit"}, when=leaves.DURING, shown=False),
+        ]  # fmt: skip
+    if contacts:
+        shown.append(
+            leaves.shapes(
+                "Contacts", FILE, "contact", where={"kind": "contact"}, when=leaves.SINCE, label="name", told=SEEN
+            )
+        )
+    if sensors.telling:
+        fields = {"kind": ["look", "presence"]}
+        shown += [
+            leaves.shapes("Looks and presences", FILE, "field", where=fields, when=leaves.DURING, told=SEEN),
+            leaves.shapes(
+                "Barriers", FILE, "barrier", where={"kind": "barrier"}, when=leaves.DURING, label="name", told=SEEN
+            ),
+        ]
+    if sensors.lines:
+        told = [("probability", "Crossed, in the end", "share")]
+        shown.append(leaves.shapes("Lines asked about", FILE, "line", where={"kind": "line"}, label="name", told=told))
+    if updates.all:
+        shown += [_updates(any(sortie.planned for sortie in updates.sorties)), _scenarios(updates)]
+    return shown
+
+
+def _updates(planned: bool) -> Leaf:
+    """Return what each has done; planned: whether some sorties are still to be flown."""
+    columns = [
+        ("time", "Time", "time"), ("name", "What", "words"), ("kind", "Kind", "words"),
+        *([("status", "Status", "words")] if planned else []), ("pod", "POD", "share"), ("poc", "POC", "share"),
+        ("pos", "POS", "share"), ("pos_ashore", "of it ashore", "share"), ("pos_cumulative", "POS so far", "share"), ("log_evidence", "ln evidence", "number"),
+        ("ess_after", "Particles that count after", "count"),
+    ]  # fmt: skip
+    note = "POD: of those inside; POC: probability that it was inside; POS: that it was found. In order of time."
+    return leaves.table(
+        "Sorties, contacts and sensors",
+        columns,
+        file="sorties.csv",
+        where={"scenario": "all"},
+        by_time="time",
+        note=note,
+    )
+
+
+def _scenarios(updates: Updates) -> Leaf:
+    """Return the probability of each scenario before and after each update."""
+    of_shown = together(updates)
+    columns = [("", "Story", "words"), ("", "Before", "share")]
+    columns += [("", f"{notation.day_time(update.time)} {update.name}", "share") for update in of_shown.all]
+    rows = [
+        [name, float(of_shown.prior[k]), *(float(update.posterior[k]) for update in of_shown.all)]
+        for k, name in enumerate(of_shown.scenarios)
+    ]
+    return leaves.table("Stories", columns, rows=rows, note="Probability of each story after what was done and seen.")

@@ -1,0 +1,323 @@
+"""Records of a search: what was looked for where and how, what was seen, what sensors said, what can be sent next.
+
+The engine takes these. All is SI and UTC; positions are degrees, their longitudes running on along one shape. What
+depends on the object that is looked for has one entry per scenario, in the order of the case.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from drift.engine.motion.leeway import Drifter
+from drift.evidence.sensors.records import Sensor
+from geo.polyline import Area, Legs
+
+Kind = Literal["sortie", "contact", "look", "presence", "barrier", "overdue"]  # what changes weights
+
+
+@dataclass(frozen=True)
+class Law:
+    """How likely a sweep detects what it passes (Koopman 1980, Search and Screening; docs/searches.md)."""
+
+    kind: str = "inverse_cube"  # an entry of drift.evidence.filter.detection.laws.LAWS
+    beta: float = 1.0  # m_beta: chance of detection within M = W / (2 beta)
+    ranges: tuple[float, ...] = ()  # lateral ranges of a curve [m], ascending from 0
+    chances: tuple[float, ...] = ()  # chances of detection there; straight in between, none beyond
+
+
+@dataclass(frozen=True)
+class Watch:
+    """A sensor that sees in zones of range: radar, or passive sonar with convergence zones.
+
+    An object that stays in a zone for the whole watch is detected with its chance; time adds up as a constant hazard.
+    """
+
+    inner: tuple[float, ...]  # [m]
+    outer: tuple[float, ...]
+    pod: tuple[float, ...]  # chance of detection in each zone, in (0, 1]; zones do not overlap
+
+
+@dataclass(frozen=True)
+class Sortie:
+    """One search that found nothing, by an area with a coverage, by legs, or by a watch along its legs."""
+
+    name: str
+    kind: str  # kind of unit, as in the sweep width tables; "" if not given
+    start: np.datetime64
+    end: np.datetime64
+    law: Law
+    sweep_width: tuple[float, ...]  # [m], one per scenario; 0: its object is not seen
+    shape: float = math.inf  # shape of the gamma distribution (mean 1) of the unknown factor of W; inf: W is known
+    group: str = ""  # sorties of one group share that factor
+    area: Area | None = None  # the area that it searched; with legs, the area that counts as searched
+    coverage: tuple[float, ...] = ()  # C = W v t / A, one per scenario; of an area without legs
+    legs: Legs | None = None  # tracks made good; of a watch, where its sensor was
+    watch: Watch | None = None
+    sensor: Sensor | None = None  # with which it watches, in place of zones
+    beams: tuple[int, ...] = ()  # numbers of the beams of its array that were processed, from 0; (): all
+    completed: float = 1.0  # share of the effort that was spent; legs are already cut
+    ashore: bool = True  # whether it sees what lies ashore or has run aground
+    frame: Literal["ground", "datum"] = "ground"  # "datum": area and legs drift with a marker
+    marker: Legs | None = None  # track of the marker, if known; else it drifts with the water from `datum`
+    datum: tuple[float, float] | None = None  # (lon, lat) [deg] where a drifting frame begins
+    # Only action plans and legends use these.
+    speed: float = math.nan  # [m/s]
+    altitude: float = math.nan  # [m]
+    spacing: float = math.nan  # [m]
+    width_under_way: tuple[float, ...] = ()  # [m], one per scenario, while it is under way; (): nothing steers
+    coverage_under_way: tuple[float, ...] = ()  # as coverage, while it is under way
+    planned: bool = False  # it is still to be flown
+    crossed: bool = False  # whether every other leg, from the second on, is a cross leg, which crews do not count
+
+    @property
+    def watches(self) -> bool:
+        """Whether it is a watch: it sees by range or place, and not by sweeping."""
+        return self.watch is not None or self.sensor is not None
+
+    @property
+    def status(self) -> str:
+        """Whether it has been flown, in a word."""
+        return "planned" if self.planned else "flown"
+
+    @property
+    def search_legs(self) -> int:
+        """Number of its legs as crews count them: those that search, without cross legs."""
+        return 0 if self.legs is None else sum(self.legs.searching[:: 1 + self.crossed])
+
+
+@dataclass(frozen=True)
+class Fix:
+    """A position that a contact may be at."""
+
+    lon: float  # [deg]
+    lat: float
+    share: float = 1.0  # share of the contact's probability, for positions A and B of a beacon
+
+
+@dataclass(frozen=True)
+class Tone:
+    """A frequency that a sensor received, shifted by the motion of source and sensor (Doppler)."""
+
+    value: float  # [Hz] as it was received
+    std: float  # [Hz] of its error
+    source: float  # [Hz] as it was sent
+    source_std: float = 0.0  # [Hz] of what is not known of that
+    sound_speed: float = 1500.0  # [m/s]
+    group: str = ""  # contacts of one group heard the same source; "": none other did
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What a sensor of the case told of a contact besides its bearing or range; its chance of detection is the sensor's."""
+
+    sensor: Sensor
+    beams: tuple[int, ...] = ()  # of its array that were processed, from 0; (): all
+    heading: float = 0.0  # [rad] true, of its array
+    mirrored: bool = False  # whether the bearing may as well be its image on the other side of the array
+    level: tuple[float, float] | None = None  # received level, and the standard deviation of its error [dB]
+    tone: Tone | None = None
+    velocity: tuple[float, float] = (0.0, 0.0)  # (east, north) [m/s] of the sensor
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Something seen, which gives a likelihood of where the object was.
+
+    It is by fixes, a bearing, a range or an area.
+    """
+
+    name: str
+    time: np.datetime64
+    kind: str  # an entry of drift.evidence.filter.contacts.LIKELIHOODS
+    # With N the density of what was seen, the likelihood is belief N / E[N] + 1 - belief, or N + false_density.
+    belief: float = 1.0  # probability that it is of the object
+    false_density: float = 0.0  # density of false contacts [1/m2] (range: [1/m], bearing: [1/rad]); belief is then 1
+    fixes: tuple[Fix, ...] = ()
+    major: float = 0.0  # [m] standard deviation along the major axis
+    minor: float = 0.0
+    orientation: float = 0.0  # [rad] of the major axis, clockwise from north
+    sensor: tuple[float, float] | None = None  # (lon, lat) [deg] from which bearing and range were taken
+    bearing: float = 0.0  # [rad] true
+    bearing_std: float = 0.0  # of a wedge 0
+    bearing_stds: tuple[
+        tuple[float, float], ...
+    ] = ()  # relative bearing of the object, 0 to pi, and the error there [rad]; (): the same
+    wedge: float = 0.0  # [rad] width within which all errors are as likely; 0: they are normal
+    range: float = 0.0  # [m]
+    range_std: float = 0.0
+    near: float = 0.0  # [m]; the object of a bearing is between near and far
+    far: float = math.inf
+    zones: Watch | None = None  # chance of detection by range; None: the same at all ranges
+    heard: Heard | None = None  # by which sensor of the case, whose chance of detection counts in place of zones
+    area: Area | None = None
+    drifter: Drifter | None = None  # how it drifts, if it is debris; None: it is the object itself
+    guide: bool = True  # whether particles may be guided toward it, if it is debris: drift.evidence.filter.debris.guide
+    course: float = 0.0  # [rad] over ground, clockwise from north, with which it was seen to move
+    course_std: float = 0.0  # 0: no course was seen
+    speed: float = 0.0  # [m/s] over ground
+    speed_std: float = 0.0  # 0: no speed was seen
+
+    @property
+    def moves(self) -> bool:
+        """Whether its course or speed was seen."""
+        return self.course_std > 0 or self.speed_std > 0
+
+
+@dataclass(frozen=True)
+class Field:
+    """A box or a circle about a place, in the tangent plane of that place."""
+
+    lon: float  # [deg]
+    lat: float
+    radius: float = 0.0  # [m] of a circle; 0: it is a box
+    width: float = 0.0  # [m] of a box, east to west before it is turned
+    height: float = 0.0
+    turned: float = 0.0  # [rad] clockwise
+
+
+@dataclass(frozen=True)
+class Sight:
+    """How likely a look sees what lies at a distance, in units of the field's half size: 1 is its edge."""
+
+    kind: str = "cookie_cutter"  # an entry of drift.evidence.filter.detection.looks.SIGHTS
+    number: float = 1.0  # alpha of linear, beta of exponential
+    distances: tuple[float, ...] = ()  # of a table, ascending from 0
+    chances: tuple[float, ...] = ()  # of detection there; straight in between, none beyond
+
+
+@dataclass(frozen=True)
+class Look:
+    """A look at a field, or round a sensor, at one time, which saw something or nothing."""
+
+    name: str
+    time: np.datetime64
+    field: Field | None  # None: a sensor says how it sees
+    positive: bool
+    sight: Sight = Sight()
+    false_alarms: float = 0.0  # probability of seeing something where there is nothing
+    sensor: Sensor | None = None
+    beams: tuple[int, ...] = ()  # of its array that were processed, from 0; (): all
+    place: tuple[float, float] | None = None  # (lon, lat) [deg] of the sensor
+    heading: float = 0.0  # [rad] true, of its array
+
+
+@dataclass(frozen=True)
+class Presence:
+    """A field that was listened in from one time to another, and what it said."""
+
+    name: str
+    start: np.datetime64
+    end: np.datetime64
+    field: Field
+    present: Literal["throughout", "sometime", "never"]  # that the object was in the field
+    detection: float = 1.0  # probability that it says so where it is so
+    false_alarms: float = 0.0  # probability that it says so all the same
+
+
+@dataclass(frozen=True)
+class Barrier:
+    """A line manned from one time to another, which detects an object that touches it at most once."""
+
+    name: str
+    start: np.datetime64
+    end: np.datetime64
+    points: tuple[tuple[float, float], ...]  # (lon, lat) [deg], two or more, great circles between them
+    detection: float
+    reported: np.datetime64 | None = None  # when it reported a crossing; None: it reported none
+    error: float = 0.0  # [s] standard deviation of that time
+    false_rate: float = 0.0  # of false reports [1/s]
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line whose first crossing is told; it changes no weights."""
+
+    name: str
+    points: tuple[tuple[float, float], ...]  # as of a barrier
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """What tells of the object besides sorties and contacts, and lines whose crossing is told."""
+
+    looks: tuple[Look, ...] = ()  # by time
+    presences: tuple[Presence, ...] = ()
+    barriers: tuple[Barrier, ...] = ()
+    lines: tuple[Line, ...] = ()
+
+    @property
+    def telling(self) -> tuple[Look | Presence | Barrier, ...]:
+        """What changes weights."""
+        return (*self.looks, *self.presences, *self.barriers)
+
+    @property
+    def times(self) -> list[np.datetime64]:
+        """When anything of it begins or ends."""
+        lasting: list[Presence | Barrier] = [*self.presences, *self.barriers]
+        return [look.time for look in self.looks] + [time for what in lasting for time in (what.start, what.end)]
+
+
+NO_SENSORS = Sensors()
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A search unit that a plan may send."""
+
+    name: str
+    kind: str
+    base: tuple[float, float]  # (lon, lat) [deg]
+    return_to: tuple[float, float]
+    ready: np.datetime64
+    search_speed: float  # [m/s]
+    transit_speed: float
+    endurance: float  # [s] on scene; 85 % of it is search
+    law: Law
+    sweep_width: tuple[float, ...]  # [m], one per scenario
+    shape: float = math.inf
+    group: str = ""
+    altitude: float = math.nan  # [m]
+    daylight: bool = True  # searches by daylight only
+    turnaround: float = 7200.0  # [s] on the ground between sorties
+    least_spacing: float = 0.0  # [m]
+    clear_of_land: float = 0.0  # [m] that a boat keeps from the shore
+    draught: float = 0.0  # [m] of a boat, where depths are known
+    width_under_way: tuple[float, ...] = ()  # [m], one per scenario, while it is under way; (): nothing steers
+
+    @property
+    def afloat(self) -> bool:
+        """Whether it goes by sea; a unit that is not called a boat is taken to fly, over land too."""
+        return self.kind == "Boat"
+
+
+@dataclass(frozen=True)
+class PlanSpec:
+    """What a plan is asked for."""
+
+    begin: np.datetime64  # nothing is flown before
+    until: np.datetime64  # everything is flown by then
+    objective: Literal["pos", "alive"] = "pos"
+    separation: float = 0.0  # [m] between areas that are searched at the same time
+    rounds: int = 1  # sorties of each unit, each planned on the failure of those before
+    particles: int = 40_000  # particles on which the plan is made; it is scored on those of the case
+    ashore: bool = False  # whether its units look for what lies ashore too
+
+
+@dataclass(frozen=True)
+class Resampling:
+    """When and how particles are drawn anew in proportion to their weights."""
+
+    method: Literal["systematic", "kahn", "duplicates", "position", "course", "combined"] = "systematic"
+    below: float = 0.0  # share of the particles; with fewer effective ones, or survivors, they are drawn anew; 0: never
+    across: bool = False  # whether slots may go from one scenario to another, or each keeps its own
+    bulk: float = (
+        0.0  # share of survivors below which a contact places particles anew, and silence loses the track; 0: never
+    )
+    fastest: float = 0.0  # [m/s] of what is placed anew
+
+    @property
+    def fills(self) -> bool:
+        """Whether particles are placed anew at contacts."""
+        return self.bulk > 0

@@ -1,0 +1,56 @@
+"""How a search stands after an update: when the object went adrift, and what was never searched.
+
+The weights say when the object went adrift. A few numbers, made from millions of particles, are enough to say how
+likely somebody is alive at any time.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drift.engine.particles import partials, weights
+from drift.engine.particles.columns import Columns
+from geo.array import Array
+
+# Bins of release times, each with its own mean: those within the run (of a window of 40 h each has 6 minutes), those in
+# the month after it, of which what lies ahead is told, and what is later still or never goes adrift.
+WITHIN, AFTER, MONTH = 400, 99, 30 * 86_400.0
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Particles by scenario and time of release, given all that was seen; S scenarios, B bins."""
+
+    time: np.datetime64
+    release: Array  # [s after start] mean of each bin, (S, B)
+    mass: Array  # probability, (S, B); adds up to 1
+    never: Array  # probability of having been where no sortie searched, given each scenario, then of all; (S + 1,)
+    effective: float  # number of particles that count for all this
+
+
+def standing(time: np.datetime64, columns: Columns, effective: float, duration: float) -> Standing:
+    """Return how a search stands by its particles' `release` times, `log_weight`, and shares `never` searched, if any was.
+
+    duration: of the run [s].
+    """
+    unit = weights.unit(columns, "log_weight")
+    ends = [
+        (float(release.min()), float(release.max(initial=0, where=release <= duration)))
+        for _, release in columns.parts("release")
+    ]
+    first, last = min(low for low, _ in ends), max(high for _, high in ends)
+    sums, unsearched = [], []
+    for blocks, release, log_weight, never in columns.parts("release", "log_weight", "never"):
+        weight = unit.shares(log_weight)
+        inside = np.minimum((release - first) / max(last - first, 1.0) * WITHIN, WITHIN - 1)
+        beyond = WITHIN + np.minimum((release - duration) / MONTH * AFTER, AFTER)
+        bins, many = np.where(release <= duration, inside, beyond).astype(np.int64), WITHIN + AFTER + 1
+        sums.append(blocks.partial(weight, weight * release, code=bins, many=many))
+        if never is not None:
+            unsearched.append(blocks.partial(weight * never))
+    mass, when = np.moveaxis(partials.merged(sums).by_scenario, -1, 0)
+    when = np.divide(when, mass, out=np.full_like(when, first), where=mass > 0)
+    share, free = mass.sum(axis=1), np.ones(len(mass))
+    if unsearched:
+        np.divide(partials.merged(unsearched).by_scenario[:, 0, 0], share, out=free, where=share > 0)
+    return Standing(time, when, mass, np.append(free, share @ free), effective)

@@ -1,0 +1,125 @@
+"""What is handed out of posteriors: tables, numbers of the summary, and pictures.
+
+It is a chapter of its own, neither the forecast's nor the search's: a run in which targets steer has priors to tell
+before anything was searched, and a forecast knows of no updates.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drift.evidence.posterior import ranking, tables
+from drift.evidence.posterior.ranking import Ranking
+from drift.evidence.posterior.records import Posteriors
+from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.maps.imprint import Setting
+from drift.products.report import leaves
+
+RANKS = 30  # scenarios that the report lists
+
+
+@dataclass(frozen=True)
+class Matter:
+    """What the files and pictures are made from."""
+
+    posteriors: Posteriors
+    setting: Setting
+
+
+def _draw(matter: Matter, path: Path) -> None:
+    from drift.evidence.posterior import map as posterior_map  # imported here, for Matplotlib takes a second
+
+    posterior_map.draw(matter.posteriors, path, matter.setting)
+
+
+def _draw_ranking(ranking: Ranking, setting: Setting, path: Path) -> None:
+    from drift.evidence.posterior import scenarios_map
+
+    scenarios_map.draw(ranking, path, setting)
+
+
+FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+    "posteriors.csv": lambda matter, stamped: tables.csv(matter.posteriors, stamped["run_id"]),
+}
+PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+    "posteriors.png": _draw,
+}
+# Of several scenarios, where anything was searched, seen or not seen.
+RANKED: dict[str, Callable[[Ranking, Stamped], Contents]] = {
+    "scenarios.csv": lambda ranked, stamped: ranking.csv(ranked, stamped["run_id"]),
+}
+# Of more than maps show by themselves, or of families.
+MANY: dict[str, Callable[[Ranking, Setting, Path], None]] = {
+    "scenarios.png": _draw_ranking,
+}
+
+
+def chapter(matter: Matter) -> Chapter:
+    """Return the chapter of posteriors."""
+    numbers = tables.summary(matter.posteriors)
+    files, pictures = bound(FILES, matter), bound(PICTURES, matter)
+    ranked = ranking.of(matter.posteriors)
+    if ranked is not None:
+        files |= bound(RANKED, ranked)
+        if many(ranked):
+            pictures |= {name: partial(draw, ranked, matter.setting) for name, draw in MANY.items()}
+    return Chapter(numbers, files, pictures, leaves=(partial(_leaves, matter.posteriors, ranked),))
+
+
+def many(ranked: Ranking) -> bool:
+    """Whether scenarios are so many that not each of them is shown by itself, or of families."""
+    return bool(ranked.axes) or ranked.shown.size < len(ranked.prior)
+
+
+def _leaves(posteriors: Posteriors, ranked: Ranking | None) -> list[Any]:
+    columns = [
+        ("time", "Time", "time"), ("name", "After", "words"), ("quantity", "Quantity", "words"), ("unit", "Unit", "words"),
+        ("value", "Value", "words"), ("share", "Share", "share"), ("mean", "Mean", "words"), ("std", "Standard deviation", "words"),
+        ("q05", "5 %", "words"), ("q50", "Median", "words"), ("q95", "95 %", "words"),
+    ]  # fmt: skip
+    note = "Of all stories together; posteriors.csv has those of each."
+    told = [one.quantity.name for one in posteriors.told]
+    shown: list[Any] = []
+    if ranked is not None and many(ranked):
+        shown += _ranked(ranked)
+        told.remove("scenario")
+    if told:
+        where: dict[str, str | list[str]] = {"scenario": "all", "quantity": told}
+        shown.append(
+            leaves.table("What is believed besides places", columns, file="posteriors.csv", where=where, note=note)
+        )
+    return shown
+
+
+def _ranked(ranked: Ranking) -> list[Any]:
+    """Return the likeliest scenarios, and what is told of them by axis."""
+    columns = [("", "Rank", "count"), ("", "Story", "words"), ("", "Before", "share"), ("", "Now", "share"),
+               ("", "Factor", "factor"), ("", "Together", "share")]  # fmt: skip
+    first = ranked.order[:RANKS]
+    figures = zip(
+        *(values[first].tolist() for values in (ranked.prior, ranked.posterior, ranked.factor)),
+        np.cumsum(ranked.posterior[first]).tolist(), strict=True,
+    )  # fmt: skip
+    names = [ranked.posteriors.scenarios[k] for k in first]
+    rows = [
+        [rank, name, prior, now, factor if math.isfinite(factor) else None, total]
+        for rank, (name, (prior, now, factor, total)) in enumerate(zip(names, figures, strict=True), 1)
+    ]
+    note = f"{ranked.words}; scenarios.csv has all of them."
+    found = [leaves.table("Stories by rank", columns, rows=rows, note=note)]
+    by_axis = [
+        [along.axis.name, label, prior, now]
+        for along in ranked.axes
+        for label, prior, now in zip(
+            along.axis.labels, *(along.shares(p).tolist() for p in (ranked.prior, ranked.posterior)), strict=True
+        )
+    ]
+    if by_axis:
+        heads = [("", "Axis", "words"), ("", "Value", "words"), ("", "Before", "share"), ("", "Now", "share")]
+        found.append(leaves.table("Stories by axis", heads, rows=by_axis, note="Of all stories that have the axis."))
+    return found

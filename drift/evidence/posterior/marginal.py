@@ -1,0 +1,275 @@
+"""The distribution of one quantity by the weights of particles: shares, moments, exact quantiles, and a histogram.
+
+Particles are gone through part by part, and sums made by blocks (drift.engine.particles.partials). Quantiles are exact: a
+histogram says in which bin each lies, and only the particles of those bins are sorted.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.engine.particles import partials, weights
+from drift.engine.particles.columns import Columns
+from drift.engine.particles.partials import Blocks, Partial
+from geo.array import Array
+
+LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
+BINS = 256
+TURN = 2 * np.pi
+ROUNDING = 2.0**-44  # of the sums of a million terms: a variance that is a smaller part of the mean square is none
+SORTED = 2**21  # particles of a bin that are sorted at once; of more the bin is cut into bins again
+
+# Gives the numbers by which particles are ranked, and their weights, some after others.
+Members = Callable[[], Iterable[tuple[Array, Array]]]
+
+
+@dataclass(frozen=True)
+class Marginal:
+    """A distribution in SI and radians; NaN where nothing has weight. Rows: each scenario, then all together.
+
+    Of a category there are shares and effective numbers alone.
+    """
+
+    share: Array  # (rows,) probability of those for which the quantity means anything
+    ess: Array  # (rows,) effective number of these particles (Kong 1992)
+    # of a category the shares of its values (rows, values), or of one that is the scenarios' own (1, values); else those of BINS of
+    # all together (1, BINS)
+    table: Array
+    mean: Array | None = None  # (rows,); of angles the direction of the mean vector, 0 to a turn
+    std: Array | None = None  # (rows,); of angles sqrt(-2 ln R), R the length of the mean vector (Mardia 1972)
+    quantiles: Array | None = None  # (rows, LEVELS); of angles those of a turn that begins opposite the mean
+
+
+class Weighted(NamedTuple):
+    """Particles by their weights, and what these and their squares add up to."""
+
+    columns: Columns  # log_weight; lineage where any was drawn anew; holds of a quantity that means nothing for some
+    top: float  # the largest log weight of all
+    total: Array  # (rows,) in units of the largest weight
+    squares: Array  # (rows,) of the weights of families
+
+    @property
+    def ess(self) -> Array:
+        """The effective number of particles (Kong 1992), copies as one, (rows,); 0 of nothing."""
+        none = np.zeros(len(self.total))
+        return np.asarray(np.divide(self.total**2, self.squares, out=none, where=self.squares > 0))
+
+    def parts(self, *names: str) -> Iterator[tuple[Any, ...]]:
+        """Yield the blocks of some particles after others, their weights, 0 where the quantity means nothing, and columns."""
+        for blocks, log_weight, holds, *columns in self.columns.parts("log_weight", "holds", *names):
+            weight = weights.relative(log_weight, self.top)
+            yield blocks, weight if holds is None else weight * holds, *columns
+
+    def row(self, row: int) -> "Weighted":
+        """Return the particles of a row: of a scenario, or all."""
+        blocks = self.columns.blocks
+        return self if row == blocks.scenarios else self._replace(columns=self.columns.some(*_span(blocks, row)))
+
+
+def weighted(columns: Columns, top: float | None = None) -> Weighted:
+    """Return particles as the other functions take them, by their `log_weight` and, where there is one, `lineage`.
+
+    lineage: int, the particle of the begin from which each descends: copies count as one (drift.forecast.effective). top: the
+    largest log weight, if it is known.
+    """
+    if top is None:
+        top = max(float(log_weight.max()) for _, log_weight in columns.parts("log_weight"))
+    found = Weighted(columns, top, np.empty(0), np.empty(0))
+    sums, runs = [], []
+    for blocks, weight, lineage in found.parts("lineage"):
+        sums.append(blocks.partial(weight, weight**2))
+        if lineage is not None:
+            scenario = np.repeat(blocks.scenario, np.diff(blocks.first, append=blocks.n))
+            runs.append(weights.runs_of_families(scenario, blocks.scenarios, weight, lineage, blocks))
+    total, squares = _summed(sums)[:, 0].T
+    if runs:
+        many = columns.blocks.scenarios
+        of, mass = weights.families(many, runs)
+        own = np.bincount(of, mass**2, many)
+        squares = np.append(own, own.sum())
+    return found._replace(total=total, squares=squares)
+
+
+def of_category(own: Weighted, values: Columns, many: int) -> Marginal:
+    """Return the distribution of a category.
+
+    values: the number of each particle's, 0 to many - 1 where it `holds`.
+    """
+    held = _held(own, values)
+    coded = [
+        blocks.partial(weight, code=np.where(holds, number, 0), many=many)
+        for blocks, weight, number, holds in held.parts("values", "holds")
+    ]
+    sums, total = _summed(coded)[:, :, 0], own.total[:, None]
+    table = np.divide(sums, total, out=np.full(sums.shape, np.nan), where=total > 0)
+    return Marginal(table.sum(axis=1), held.ess, table)
+
+
+def of_scenarios(own: Weighted, number: npt.NDArray[np.int64], many: int) -> Marginal:
+    """Return the distribution of a category whose value is the scenario's own, of all scenarios together: the table has one row.
+
+    number: of each scenario's value, (scenarios,), 0 to many - 1; -1: it has none.
+    """
+    holds, total = number >= 0, own.total[:-1]
+    sums = np.bincount(number[holds], total[holds], many)
+    held, squares = np.append(total * holds, sums.sum()), own.squares[:-1] * holds
+    squares = np.append(squares, squares.sum())
+    ess = np.divide(held**2, squares, out=np.zeros(len(held)), where=squares > 0)
+    return Marginal(_over(held, own.total), ess, _over(sums, own.total[-1])[None])
+
+
+def of_number(own: Weighted, values: Columns, low: float, high: float) -> Marginal:
+    """Return the distribution of numbers, where they hold.
+
+    low, high: ends of the histogram, to whose first and last bin what lies outside is added.
+    """
+    held, middle = _held(own, values), (low + high) / 2  # from there squares are small enough to be subtracted
+    moments, coded = [], []
+    for blocks, weight, number in held.parts("values"):
+        off = np.subtract(number, middle, dtype=np.float64)
+        moments.append(blocks.partial(weight * off, weight * off * off))
+        coded.append(blocks.partial(weight, code=_bins(number.astype(np.float64), low, high), many=BINS))
+    sums, table = _summed(moments)[:, 0], _summed(coded)[:, :, 0]
+    mean, square = _over(sums[:, 0], held.total), _over(sums[:, 1], held.total)
+    variance = np.where(square - mean**2 > ROUNDING * square, square - mean**2, 0.0 * square)
+
+    def members(row: int) -> Iterator[tuple[Array, Array]]:
+        for _, weight, number in held.row(row).parts("values"):
+            yield number.astype(np.float64), weight
+
+    quantiles = [_quantiles(partial(members, row), levels, low, high) for row, levels in enumerate(table)]
+    shares = _over(held.total, own.total), held.ess
+    return Marginal(
+        *shares, _over(table[-1], own.total[-1])[None], mean + middle, np.sqrt(variance), np.array(quantiles)
+    )
+
+
+def of_angle(own: Weighted, values: Columns) -> Marginal:
+    """Return the distribution of angles [rad], where they hold; their histogram is of one turn from 0."""
+    held, turned, coded = _held(own, values), [], []
+    for blocks, weight, angle in held.parts("values"):
+        within = angle.astype(np.float64) % TURN
+        turned.append(blocks.partial(weight * np.sin(within), weight * np.cos(within)))
+        coded.append(blocks.partial(weight, code=_bins(within, 0.0, TURN), many=BINS))
+    sums, table = _summed(turned)[:, 0], _summed(coded)[:, :, 0]
+    mean = np.where(held.total > 0, np.arctan2(sums[:, 0], sums[:, 1]) % TURN, np.nan)
+    length = np.minimum(_over(np.hypot(sums[:, 0], sums[:, 1]), held.total), 1.0)
+    with np.errstate(divide="ignore"):
+        std = np.sqrt(-2 * np.log(length))
+    quantiles = np.array([_about(held.row(row), middle) for row, middle in enumerate(np.nan_to_num(mean))])
+    shares = _over(held.total, own.total), held.ess
+    return Marginal(*shares, _over(table[-1], own.total[-1])[None], mean, std, quantiles)
+
+
+def _about(held: Weighted, centre: float) -> Array:
+    """Return the quantiles of angles (LEVELS,): those of how far they are from a centre, -pi to pi, as angles again."""
+
+    def members() -> Iterator[tuple[Array, Array]]:
+        for _, weight, angle in held.parts("values"):
+            apart = angle.astype(np.float64) % TURN - centre
+            yield apart + TURN * ((apart < -np.pi).astype(np.float64) - (apart >= np.pi)), weight
+
+    table = np.zeros(BINS)
+    for apart, weight in members():
+        table += np.bincount(_bins(apart, -np.pi, np.pi), weight, BINS)
+    return np.asarray((_quantiles(members, table, -np.pi, np.pi) + centre) % TURN)
+
+
+def _held(own: Weighted, values: Columns) -> Weighted:
+    """Return particles with their values, by the weights of those for which these mean anything."""
+    return weighted(own.columns | values, own.top)
+
+
+def _span(blocks: Blocks, scenario: int) -> tuple[int, int]:
+    """Return the numbers of the first block of a scenario, and of the one after its last."""
+    begin, end = np.searchsorted(blocks.scenario, (scenario, scenario + 1))
+    return int(begin), int(end)
+
+
+def _summed(parts: list[Partial]) -> Array:
+    """Return the sums of all parts by scenario and, last, of all, (scenarios + 1, codes, values)."""
+    by_scenario = partials.merged(parts).by_scenario
+    return np.concatenate([by_scenario, np.add.accumulate(by_scenario, axis=0)[-1:]])  # as Partial.total
+
+
+def _over(part: Array, whole: Array) -> Array:
+    """Return a part of something; NaN of nothing."""
+    return np.asarray(np.divide(part, whole, out=np.full(np.shape(part), np.nan), where=whole > 0))
+
+
+def _bins(values: Array, low: float, high: float) -> Array:
+    """Return the bin of each value, uint8 (n,); outside of low and high the first and the last."""
+    bins = (values - low) * (BINS / (high - low) if high > low else 0.0)
+    return np.clip(bins, 0, BINS - 1, out=bins).astype(np.uint8)
+
+
+def _quantiles(members: Members, table: Array, low: float, high: float) -> Array:
+    """Return the quantiles of what ranks some particles (LEVELS,); table: their weights in BINS from low to high."""
+    return _ranked(members, table, low, high, np.asarray(LEVELS) * np.cumsum(table)[-1])
+
+
+def _ranked(members: Members, table: Array, low: float, high: float, aim: Array) -> Array:
+    """Return the least numbers up to and with which the weights add up to what is aimed at; NaN of no weight."""
+    if not table.any():
+        return np.full(len(aim), np.nan)
+    up_to, end = np.cumsum(table), np.flatnonzero(table)[-1]  # rounding must not lead beyond the last weight
+    wanted = np.minimum(np.searchsorted(up_to, aim), end)
+    rest, found = aim - (up_to - table)[wanted], np.empty(len(aim))
+    bins = {int(code): _Bin() for code in np.unique(wanted)}
+    chosen = np.zeros(BINS, bool)  # only the particles of bins that hold a quantile are sorted
+    chosen[wanted] = True
+    for numbers, weight in members():
+        codes = _bins(numbers, low, high)
+        which = np.flatnonzero(chosen.take(codes) & (weight > 0))
+        numbers, weight, codes = numbers[which], weight[which], codes[which]
+        for code, own in bins.items():
+            inside = codes == code
+            own.take(numbers[inside], weight[inside])
+    for code, own in bins.items():
+        levels = wanted == code
+        if own.many <= SORTED or own.least == own.most:
+            found[levels] = own.at(rest[levels])
+            continue
+
+        def inner(code: int = code) -> Iterator[tuple[Array, Array]]:
+            for numbers, weight in members():
+                inside = (_bins(numbers, low, high) == code) & (weight > 0)
+                yield numbers[inside], weight[inside]
+
+        finer = np.zeros(BINS)
+        for numbers, weight in inner():
+            finer += np.bincount(_bins(numbers, own.least, own.most), weight, BINS)
+        found[levels] = _ranked(inner, finer, own.least, own.most, rest[levels])
+    return found
+
+
+class _Bin:
+    """The particles of a bin, kept as long as they are few enough to be sorted."""
+
+    def __init__(self) -> None:
+        self.many, self.least, self.most = 0, np.inf, -np.inf
+        self._kept: list[tuple[Array, Array]] = []
+
+    def take(self, numbers: Array, weight: Array) -> None:
+        """Take up some of them."""
+        if not numbers.size:
+            return
+        self.many += numbers.size
+        self.least, self.most = min(self.least, float(numbers.min())), max(self.most, float(numbers.max()))
+        if self.many <= SORTED:
+            self._kept.append((numbers, weight))
+        else:
+            self._kept.clear()
+
+    def at(self, rest: Array) -> Array:
+        """Return the numbers at which their weights add up to what is wanted."""
+        if self.least == self.most:
+            return np.full(len(rest), self.least)
+        numbers, weight = (np.concatenate(column) for column in zip(*self._kept, strict=True))
+        rising = np.argsort(numbers, kind="stable")
+        at = np.searchsorted(np.cumsum(weight[rising]), rest)
+        return np.asarray(numbers[rising][np.minimum(at, len(numbers) - 1)])

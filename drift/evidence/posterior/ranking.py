@@ -1,0 +1,105 @@
+"""Scenarios by rank: which were likeliest in the end, and how much each gained.
+
+How many count is told by the entropy of their probabilities: exp(-sum p ln p), n for n scenarios that are all as likely.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.engine.motion.steering import family
+from drift.engine.motion.steering.family import Along
+from drift.evidence.posterior.records import Posteriors
+from drift.forecast import likeliest
+from drift.forecast.likeliest import Shown
+from drift.products.files import formats
+from geo.array import Array
+
+HEADER = ["rank", "scenario", "family", "prior", "posterior", "factor", "cumulative"]
+AXIS = "axis "  # before the name of an axis, in the headers of columns
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """The scenarios of a run, before the first update and after the last; arrays are (scenarios,), in the order of the case."""
+
+    posteriors: Posteriors
+    prior: Array
+    posterior: Array
+
+    @property
+    def order(self) -> npt.NDArray[np.int64]:
+        """The numbers of the scenarios, the likeliest first; of equals that which was likelier before."""
+        return np.lexsort((-self.prior, -self.posterior))
+
+    @property
+    def factor(self) -> Array:
+        """How many times as likely each has become; NaN of what had no weight."""
+        none = np.full(len(self.prior), np.nan)
+        return np.asarray(np.divide(self.posterior, self.prior, out=none, where=self.prior > 0))
+
+    @property
+    def shown(self) -> Shown:
+        """Which are shown by themselves where all are too many: the likeliest in the end."""
+        return likeliest.of(self.posterior)
+
+    @property
+    def words(self) -> str:
+        """How many there are, and how many of them count."""
+        before, now = (family.effective(values) for values in (self.prior, self.posterior))
+        return f"{len(self.prior):,} stories, of which {now:.3g} count now, {before:.3g} before the first update"
+
+    @property
+    def axes(self) -> list[Along]:
+        """The axes of families along which they differ."""
+        return family.along(self.posteriors.families)
+
+
+def of(posteriors: Posteriors) -> Ranking | None:
+    """Return the ranking of a run's scenarios; None of one alone, and where nothing was searched, seen or not seen."""
+    first, last = posteriors.stages[0], posteriors.stages[-1]
+    if len(posteriors.scenarios) < 2 or first is last:
+        return None
+    return Ranking(posteriors, np.nan_to_num(first.scenarios), np.nan_to_num(last.scenarios))
+
+
+def csv(ranking: Ranking, run: str) -> str:
+    """Return a row for each scenario, the likeliest first; run: the run_id for the last column.
+
+    factor: posterior over prior; cumulative: probability of all up to this one. What follows is its value on each axis of its family.
+    """
+    axes, families, factor = ranking.axes, ranking.posteriors.families, ranking.factor
+    rows, order = [], ranking.order
+    for rank, (k, total) in enumerate(zip(order.tolist(), np.cumsum(ranking.posterior[order]), strict=True), 1):
+        place = families[k]
+        figures = (ranking.prior[k], ranking.posterior[k], factor[k], total)
+        values = [axis.axis.labels[axis.number[k]] if axis.number[k] >= 0 else "" for axis in axes]
+        told = [_text(value) for value in figures]
+        rows.append([rank, ranking.posteriors.scenarios[k], place.family.name if place else "", *told, *values, run])
+    return formats.csv_text([*HEADER, *(AXIS + axis.axis.name for axis in axes), "run_id"], rows)
+
+
+def numbers(ranking: Ranking) -> dict[str, Any]:
+    """Return for the summary how many scenarios count, and the probability of each value on each axis of families."""
+    before, now = family.effective(ranking.prior), family.effective(ranking.posterior)
+    axes = {}
+    for along in ranking.axes:
+        shares = zip(
+            along.axis.labels,
+            along.shares(ranking.prior).tolist(),
+            along.shares(ranking.posterior).tolist(),
+            strict=True,
+        )
+        axes[along.axis.name] = {label: {"prior": prior, "posterior": posterior} for label, prior, posterior in shares}
+    return {
+        "number": len(ranking.prior),
+        "effective": {"prior": before, "posterior": now},
+        "entropy_bit": {"prior": float(np.log2(before)), "posterior": float(np.log2(now))},
+        "axes": axes,
+    }
+
+
+def _text(value: float) -> str:
+    return f"{float(value):.7g}" if np.isfinite(value) else ""

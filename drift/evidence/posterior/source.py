@@ -1,0 +1,41 @@
+"""Where beliefs read what particles have of each quantity: from an ensemble as it is, or from what was taken down of one."""
+
+from typing import Protocol
+
+import numpy as np
+
+from drift.engine.motion.ensemble_spec import EnsembleSpec
+from drift.engine.motion.steering import settled
+from drift.engine.motion.steering.settled import Settled
+from drift.engine.motion.steering.steer import Steering
+from drift.engine.particles.columns import Columns
+from drift.engine.particles.ensemble import Ensemble
+from drift.evidence.posterior.quantity import Drawn, Quantity
+from geo.array import Array
+
+
+class Source(Protocol):
+    """The particles of a run at some time."""
+
+    def columns(self, quantity: Quantity) -> Columns | None:
+        """Return what they have of a quantity, as columns by the names of Values; None: none has it."""
+
+
+class Particles:
+    """The particles of an ensemble, as they are whenever it is asked."""
+
+    def __init__(self, spec: EnsembleSpec, ensemble: Ensemble, steering: Steering | None) -> None:
+        """Make ready to read an ensemble that was drawn from `spec`."""
+        self._spec, self._ensemble, self._steering = spec, ensemble, steering
+        self._birth: Array | None = None
+        self._settled: Settled | None = None
+
+    def columns(self, quantity: Quantity) -> Columns | None:
+        """Return what they have of a quantity; what is settled at birth is asked for again if births have changed."""
+        if self._steering is not None:
+            birth = self._ensemble.own["birth"].to_numpy()
+            if self._birth is None or not np.array_equal(birth, self._birth):
+                self._birth, self._settled = birth.copy(), settled.read(self._ensemble, self._steering)
+        scenario = self._ensemble.scenario.to_numpy().astype(np.int64)
+        found = quantity.of(Drawn(self._spec, self._ensemble, scenario, self._settled))
+        return None if found is None else Columns.held(self._ensemble.blocks, found._asdict())

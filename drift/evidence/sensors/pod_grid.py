@@ -1,0 +1,181 @@
+"""Probability of detection by place, or by bearing and range round the sensor, from a netCDF file.
+
+Over places the file may have any grid that forcing may have: 0..360 or descending axes, uneven ones, a projection, a curved
+grid or triangles. Values on an even grid of longitude and latitude are taken as they are; others are carried to one twice as
+fine by linear interpolation, and are 0 outside their own domain. The table of bearings and ranges is read as a loss is.
+"""
+
+import math
+import os
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from drift.evidence.sensors import circle, table_file, table_values
+from drift.evidence.sensors.records import PodGrid
+from drift.evidence.sensors.table_file import Asked, Found
+from geo.array import Array
+from geo.errors import UserError
+from geo.forcing.reading import component, slices, tile
+from geo.forcing.times import clock
+from geo.grids import grid as grids
+from geo.grids import locate, naming, regrid, target
+from geo.grids.layout import Axes, Layout
+
+MEANT = re.compile(r"\bp(o)?d\b|^(p|pod|pd|detection)$|probability|detection|blip.?scan", re.I)
+SHARES = ("", "1", "unitless", "dimensionless", "probability", "fraction")
+PERCENT = ("%", "percent", "per cent", "per_cent", "percentage")
+ROUNDING = 1e-4  # beyond 0 or 1 up to which a value is one of them, badly rounded
+AGREE = 1e-3  # between the bearings 0 and 360, which both may stand in a file
+Gaps = Literal["refuse", "blind"]
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    per: float,
+    variable: str | None = None,
+    select: Mapping[str, Any] | None = None,
+    units: Mapping[str, str] | None = None,
+    coordinates: Mapping[str, str] | None = None,
+    gaps: Gaps = "refuse",
+    name: str | None = None,
+) -> PodGrid:
+    """Return the POD of a netCDF file over (time, lat, lon) or (time, bearing, range); time may be absent.
+
+    per: time [s] of searching for which it holds, NaN for as long as the watch; coordinates: names of lon, lat or the
+    reference system (crs), where the file leaves them open; gaps: "blind" makes what is missing 0. The others are those of
+    `losses.read`. Raises UserError in one line.
+    """
+    asked = table_file.asked_for(path, name, variable, select, units)
+    if not (math.isnan(per) or 0.0 < per < math.inf):
+        raise UserError(f"{asked.name}: per = {per:g} s; it is a time above 0, or left out: set per")
+    if gaps not in ("refuse", "blind"):
+        raise UserError(f'{asked.name}: gaps = "{gaps}"; allowed are "refuse" and "blind": set gaps')
+    with table_file.opened(path) as data:
+        polar = _polar(data, asked)
+        if polar is not None:
+            return _round_sensor(polar, per, gaps)
+        return _over_places(data, asked, coordinates or {}, per, gaps)
+
+
+def _polar(data: xr.Dataset, asked: Asked) -> Found | None:
+    """Return the table of a file by bearing and range, None where it has none or another variable is asked for."""
+    kinds = ("time", "bearing", "range")
+    if asked.variable is not None and asked.variable in data.variables:
+        if "range" not in table_file.dimensions(data, asked.variable, kinds)[0]:
+            return None
+    elif asked.variable is None and not any(
+        "range" in table_file.dimensions(data, str(n), kinds)[0] for n, v in data.variables.items() if v.dims != (n,)
+    ):
+        return None
+    return table_file.find(data, asked, MEANT, "POD", kinds)
+
+
+def _round_sensor(found: Found, per: float, gaps: Gaps) -> PodGrid:
+    """Return a table by bearing and range."""
+    when, name = table_values.times(found), found.name
+    metres, order = table_values.ranges(found)
+    bearing = table_values.axis(found, "bearing") if "bearing" in found.kinds else np.zeros(1)
+    dims = [found.kinds[k] for k in ("time", "bearing", "range") if k in found.kinds]
+    table = table_file.values(found, dims).reshape(-1, bearing.size, metres.size)[:, :, order]
+    labels = (("time", _moments(when), ""), ("bearing", bearing, " deg"), ("range", metres, " m"))
+    table = _probabilities(table, table_values.unit_of(found, found.variable), labels, name, gaps)
+    radians, table = circle.around(bearing, table, 1, name, AGREE, "")
+    pod = np.ascontiguousarray(table, np.float32)
+    return PodGrid(pod, when, bearing=radians, range=metres, per=per, name=name)
+
+
+def _over_places(data: xr.Dataset, asked: Asked, coordinates: Mapping[str, str], per: float, gaps: Gaps) -> PodGrid:
+    """Return a table by place, on an even grid."""
+    variable = table_file.variable_of(
+        data, asked, MEANT, "POD over longitude and latitude, or bearing and range", lambda n: data[n].ndim > 0
+    )
+    data = table_file.selected(data, variable, asked)
+    time = clock.variable_of(data, [str(d) for d in data[variable].dims], {})
+    has_time = time is not None and data[time].ndim == 1
+    kinds = {"time": str(data[time].dims[0])} if has_time else {}
+    found = Found(data, variable, kinds, {"time": str(time)} if has_time else {}, asked)
+    when, name = table_values.times(found), asked.name
+    dims = _horizontal(found, coordinates)
+    try:
+        layout = locate.locate(data, variable, dims, coordinates)[0]
+    except UserError as error:
+        said = str(error).replace("set variables = {", "set coordinates = {").replace("variables.", "coordinates.")
+        raise UserError(f"{name}: {said}") from error
+    table = table_file.values(found, [*kinds.values(), *dims])
+    table = table.reshape(-1, *table.shape[len(kinds) :])
+    for k, index in enumerate(slices.window(layout), start=1):
+        table = np.take(table, index, axis=k)
+    labels = (("time", _moments(when), ""), *_labels(layout, dims, table.shape[1:]))
+    table = _probabilities(table, table_values.unit_of(found, variable), labels, name, gaps)
+    grid = tile.regular(layout, layout)
+    if grid is not None:
+        pod = [grids.widen(slab.astype(np.float32), grid) for slab in table]
+    else:
+        grid, _ = target.choose([layout], None)
+        matrix = regrid.weights(layout, grid)
+        shape = grid.nlat, grid.columns
+        carried = (regrid.carry(matrix, slab).reshape(shape) for slab in table)
+        pod = [grids.widen(np.nan_to_num(slab, nan=0.0), grid) for slab in carried]
+    lat, lon = np.radians(grid.lat), np.radians(grid.lon)
+    return PodGrid(np.clip(np.stack(pod), 0.0, 1.0), when, lat=lat, lon=lon, per=per, name=name)
+
+
+def _moments(when: NDArray[np.datetime64]) -> Array:
+    return when if when.size else np.arange(1, 2)
+
+
+def _labels(layout: Layout, dims: Sequence[str], shape: tuple[int, ...]) -> list[table_file.Label]:
+    """Return how messages say where a value stands."""
+    if isinstance(layout, Axes):
+        return [("latitude", layout.lat, ""), ("longitude", layout.lon, "")]
+    return [(d, np.arange(n), " (counted from 0)") for d, n in zip(dims, shape, strict=True)]
+
+
+def _horizontal(found: Found, coordinates: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the dimensions of places, latitude or rows first; one on a mesh."""
+    data, name = found.data, found.variable
+    dims = [str(d) for d in data[name].dims if str(d) not in found.kinds.values()]
+    several = [d for d in dims if data.sizes[d] > 1 or naming.LON.match(d) or naming.LAT.match(d)]
+    if len(several) > 2:
+        points = {str(d) for n in coordinates.values() if n in data.variables for d in data[n].dims}
+        extra = next((d for d in several if d not in points and not naming.of_grid(d)), several[0])
+        table_file.values(found, [d for d in dims if d != extra])  # says which values it has
+    if not several:
+        raise UserError(
+            f"{found.name}: {table_file.spoken(data, name)} is no table over longitude and latitude, nor over bearing and "
+            "range: set variable to another"
+        )
+    if len(several) == 2 and component.lat_last(data, several):
+        several.reverse()
+    return tuple(several)
+
+
+def _probabilities(table: Array, unit: str, labels: Sequence[table_file.Label], name: str, gaps: Gaps) -> Array:
+    """Return POD from 0 to 1; refuses what is missing, unless it is blind there, and what is no probability."""
+    if unit.lower() in PERCENT:
+        table = table / 100.0
+    elif unit.lower() not in SHARES:
+        raise UserError(
+            f'{name}: the POD is in "{unit}"; allowed are 1 and %: mend its attribute units, or set variable'
+        )
+    if gaps == "blind":
+        table = np.where(np.isnan(table), 0.0, table)
+    table_values.check_whole(
+        table, labels, name, "" if gaps == "blind" else ', or set gaps = "blind": nothing is detected there'
+    )
+    wrong = (table < -ROUNDING) | (table > 1.0 + ROUNDING)
+    if wrong.any():
+        first = float(table[wrong][0])
+        percent = table.min() >= 0.0 and table.max() <= 100.0 and unit.lower() not in PERCENT
+        remedy = ': is it in per cent? Set its attribute units to "%"' if percent else ": mend the file"
+        raise UserError(
+            f"{name}: {int(wrong.sum()):,} of {table.size:,} values are no probability, first {first:.6g} at "
+            f"{table_values.where(wrong, labels)}; allowed are 0 to 1{remedy}"
+        )
+    return np.clip(table, 0.0, 1.0)

@@ -1,0 +1,45 @@
+"""What is handed out for a decision to suspend: a text and a picture."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from drift.evidence.suspend import decision
+from drift.evidence.suspend import text as suspend_text
+from drift.evidence.suspend.decision import Suspension
+from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.maps.imprint import Imprint
+from drift.products.report import leaves as report_leaves
+
+
+@dataclass(frozen=True)
+class Matter:
+    """What the files and pictures are made from."""
+
+    suspension: Suspension
+    imprint: Imprint
+    synthetic: bool  # winds or currents are made up
+    lost: float  # probability that is on no map
+
+
+def _picture(matter: Matter, path: Path) -> None:
+    from drift.evidence.suspend import map as suspend_map  # here: Matplotlib takes a second to import
+
+    suspend_map.draw(matter.suspension, path, matter.imprint)
+
+
+FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+    "suspend.txt": lambda matter, stamped: suspend_text.text(
+        matter.suspension, matter.imprint.title, stamped["run_id"], synthetic=matter.synthetic, lost=matter.lost
+    ),
+}
+PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+    "suspend.png": _picture,
+}
+
+
+def chapter(matter: Matter) -> Chapter:
+    """Return the chapter of a decision to suspend."""
+    leaves = (lambda: [report_leaves.text("For the decision to suspend", file="suspend.txt")],)
+    numbers = {"suspension": decision.numbers(matter.suspension)}
+    return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), leaves=leaves)

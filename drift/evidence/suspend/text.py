@@ -1,0 +1,183 @@
+"""What a decision to suspend rests on, as ASCII text of WIDE columns; it recommends nothing."""
+
+import textwrap
+
+import numpy as np
+
+from drift.evidence.suspend.decision import Suspension
+from drift.forecast import effective
+from geo import notation
+from geo.notation import NMI
+
+WIDE = 78
+FIRST = (0.5, 0.1, 0.01)  # probabilities of being alive whose times are stated
+
+
+def text(suspension: Suspension, case_title: str, run: str, *, synthetic: bool = False, lost: float = 0.0) -> str:
+    """Return what a decision to suspend rests on, as text.
+
+    run: its run_id. synthetic: whether winds or currents are made up. lost: probability that is on no map.
+    """
+    what = (
+        "the last sortie or contact" if suspension.now > suspension.times[0] and suspension.sorties else "what is known"
+    )
+    lines = ["DECISION TO SUSPEND: WHAT IT RESTS ON", *_fill(case_title), f"Run {run}. Times are UTC.", ""]
+    lines += _fill(f"As of {notation.group(suspension.now)}, {what}. All of it is given that nothing has been found.")
+    lines += _fill("The decision is the coordinator's: nothing here recommends.")
+    for warning in warnings(suspension, synthetic):
+        lines += ["", *_fill(f"WARNING: {warning}")]
+    for number, (head, body) in enumerate(
+        (
+            ("ALIVE", _alive(suspension)),
+            ("WHAT HAS BEEN SEARCHED", _searched(suspension)),
+            ("WHAT IS LEFT", _left(suspension, lost)),
+            ("SEARCHING ON", _further(suspension)),
+        ),
+        1,
+    ):
+        lines += ["", f"{number}  {head}", *body]
+    return "\n".join(lines) + "\n"
+
+
+def warnings(suspension: Suspension, synthetic: bool) -> list[str]:
+    """Return warnings of what is not reliable in it."""
+    lines = ["SYNTHETIC wind or current. NOT FOR OPERATIONS."] if synthetic else []
+    if suspension.count.few:
+        lines.append(effective.sentence(suspension.count, "of all that were drawn", "every figure here is rough"))
+    return lines + immortal(suspension)
+
+
+def immortal(suspension: Suspension) -> list[str]:
+    """Return a warning if some scenarios have no survival times while others have them."""
+    names = ", ".join(
+        f'"{name}"' for name, basis in zip(suspension.scenarios, suspension.bases, strict=True) if basis is None
+    )
+    if not (suspension.mortal and names):
+        return []
+    return [f"no survival times are told for {names}: whoever is adrift there counts as alive for ever."]
+
+
+def give_or_take(value: float, error: float) -> str:
+    """Return a probability with its standard error, in percent."""
+    return f"{notation.percent(value)} +- {100 * error:.{1 if error >= 9.5e-4 else 2}f}"
+
+
+def reached(suspension: Suspension) -> list[tuple[float, np.datetime64]]:
+    """Return when the probability of being alive falls to each of FIRST, within the curve."""
+    alive, times = suspension.alive[:, -1], notation.epochs(suspension.times)
+    crossings = []
+    for level in FIRST:
+        below = np.flatnonzero(alive <= level)
+        if len(below) and below[0] > 0:
+            i = int(below[0])
+            part = (alive[i - 1] - level) / (alive[i - 1] - alive[i])
+            crossings.append((level, np.datetime64(round(times[i - 1] + part * (times[i] - times[i - 1])), "s")))
+    return crossings
+
+
+def _alive(suspension: Suspension) -> list[str]:
+    if not suspension.mortal:
+        return _fill("No scenario has survival times (survival = ...): nothing can be said.", 3)
+    several = len(suspension.scenarios) > 1
+    lines = [f"   {'':18}{'From now':10}Probability of being alive"]
+    for time, mean, error in suspension.ahead:
+        hours = float((time - suspension.now) / np.timedelta64(1, "h"))
+        ahead = "now" if hours == 0 else f"+{hours:.0f} h" if hours < 72 else f"+{hours / 24:.0f} d"
+        lines.append(f"   {notation.group(time):18}{ahead:10}{give_or_take(float(mean[-1]), float(error[-1]))}")
+    for level, time in reached(suspension):
+        tense = "was" if time < suspension.now else "is"
+        lines.append(f"   It {tense} {100 * level:.0f} % at {notation.group(time)}.")
+    lines += ["   By scenario, now:"] if several else []
+    for s, basis in enumerate(suspension.bases):
+        now = f"{notation.percent(float(suspension.ahead[0][1][s]))} alive; " if several else "Survival times: "
+        name = f'"{suspension.scenarios[s]}": ' if several else ""
+        lines += _fill(f"{name}{now}{basis or 'no survival times'}", 3, 6)
+    caveat = (
+        "The error is that of the particles. Survival times are far less sure: take half and twice the median to see."
+    )
+    return [*lines, *_fill(caveat, 3)]
+
+
+def _searched(suspension: Suspension) -> list[str]:
+    if not suspension.sorties:
+        return _fill("No sortie has been flown.", 3)
+    lines = [f"   {'Sortie':25}{'Ended':9}{'nmi2':>8}{'POC':>8}{'POD':>8}{'POS':>8}{'So far':>9}"]
+    for update, area in suspension.sorties:
+        name = update.name if len(update.name) <= 24 else f"{update.name[:21]}..."
+        size = f"{area / NMI**2:,.0f}" if np.isfinite(area) else ""
+        figures = [
+            float(v[-1]) if v is not None else np.nan for v in (update.poc, update.pod, update.pos, update.cumulative)
+        ]
+        poc, pod, pos, so_far = (f"{100 * v:.1f} %" if np.isfinite(v) else "" for v in figures)
+        lines.append(
+            f"   {name:25}{notation.group(update.time)[:6] + 'Z':9}{size:>8}{poc:>8}{pod:>8}{pos:>8}{so_far:>9}"
+        )
+    total = float(suspension.cumulative[-1])
+    lines += ["", f"   Cumulative POS  {give_or_take(total, float(suspension.error(total)))}"]
+    if len(suspension.scenarios) > 1:
+        for s, name in enumerate(suspension.scenarios):
+            by_now, prior, posterior = (
+                notation.percent(float(v[s])) for v in (suspension.cumulative, suspension.prior, suspension.share)
+            )
+            words = f'{by_now} had it been "{name}": {prior} probable at first, {posterior} now'
+            lines += _fill(words, 3, 6)
+    return lines
+
+
+def _left(suspension: Suspension, lost: float) -> list[str]:
+    lines = []
+    if suspension.sorties:
+        never = float(suspension.never[-1])
+        lines += _fill(
+            f"{give_or_take(never, float(suspension.error(never)))} of what is still probable was never where a sortie "
+            f"searched; the other {notation.percent(1 - never)} was searched and missed.",
+            3,
+        )
+        for s, name in enumerate(suspension.scenarios if len(suspension.scenarios) > 1 else ()):
+            lines += _fill(f'"{name}": {notation.percent(float(suspension.never[s]))} of it never searched', 3, 6)
+        lines += _fill("Right after each sortie, the probability that was left where it had searched:", 3)
+        for update, _ in suspension.sorties:
+            if update.poc is not None and update.pos is not None:
+                poc, pos = float(update.poc[-1]), float(update.pos[-1])
+                lines += _fill(f"{notation.percent((poc - pos) / max(1 - pos, 1e-12))}  {update.name}", 3, 6)
+    else:
+        lines += _fill("Nothing has been searched: all of it is left.", 3)
+    if lost > 0:
+        lines += _fill(
+            f"At the end of the run {notation.percent(lost)} is on no map: see the account in summary.json.", 3
+        )
+    return lines
+
+
+def _further(suspension: Suspension) -> list[str]:
+    lines = _fill(f"{suspension.how[:1].upper()}{suspension.how[1:]}.", 3)
+    if not suspension.further:
+        return lines
+
+    def figure(value: float, error: float) -> str:
+        return give_or_take(value, error) if suspension.planned else notation.percent(value)
+
+    head = f"   {'Until':16}{'Found':>18}"
+    if suspension.mortal:
+        head += f"{'Found alive':>18}{'Alive, not found':>19}"
+    lines += ["", head]
+    for end in suspension.further:
+        row = f"   {notation.group(end.until):16}{figure(end.pos, end.pos_error):>18}"
+        if suspension.mortal:
+            row += f"{figure(end.alive, end.alive_error):>18}{notation.percent(end.waiting):>19}"
+        lines.append(row)
+    lines += ["", *_fill("Probabilities counted from now, each row with those above it.", 3)]
+    if not suspension.planned:
+        lines += _fill(
+            "It is a rough figure, neither a plan nor a bound: the map is held while the object drifts on and spreads, "
+            "which makes later days look better than they are. How much better is not known, so no errors are given. "
+            "Regular tracks find more than random search does, and effort cannot be divided without limit. drift plan "
+            "makes a plan.",
+            3,
+        )
+    return lines
+
+
+def _fill(words: str, indent: int = 0, hang: int | None = None) -> list[str]:
+    rest = " " * (indent if hang is None else hang)
+    return textwrap.wrap(words, WIDE, initial_indent=" " * indent, subsequent_indent=rest, break_long_words=False)

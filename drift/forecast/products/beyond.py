@@ -1,0 +1,121 @@
+"""What the frame of a picture leaves out, in words: probability, contacts and positions."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+from scipy import ndimage
+
+from drift.forecast.products.words import TELLING
+from drift.products.maps.chart import Frame
+from geo import notation, sphere
+from geo.array import Array
+
+POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+NEARLY = 0.9  # share of what is left out that counts as all of it
+NAMED = 3  # places that are given by name; of more, the number
+
+
+def left_out(frame: Frame, at: Any, places: Mapping[str, Sequence[Array]] | None = None) -> str:
+    """Return in a sentence what a frame leaves out of the map at a time; empty if that is little and no place.
+
+    at: a forecast's data (drift.forecast.products.dataset) at one time. places: shapes (n, 2) [deg] by name; a place is reported
+    where no point of it is in the frame. Probability is reported where more than TELLING is outside.
+    """
+    parts = [_probability(frame, at), named(frame, places or {})]
+    return "; ".join(part for part in parts if part)
+
+
+def aside(frame: Frame, at: Any) -> str:
+    """Return in a few words, for a small map, what a frame leaves out of the probability.
+
+    The result is empty if that is little.
+    """
+    mass = _outside(frame, at)
+    total = float(mass.sum())
+    if total <= TELLING:
+        return ""
+    lon, lat, _ = _most(mass, at)
+    inside = within(frame, np.array([[lon, lat]]))[0]
+    return f"{notation.percent(total)} outside the frame{'' if inside else f', {_point(frame, lon, lat)}'}"
+
+
+def within(frame: Frame, points: Array) -> Array:
+    """Return which of points (n, 2) [deg] are in a frame, bool (n,)."""
+    return frame.holds(*frame.project(points[:, 0], points[:, 1]))
+
+
+def hidden(frame: Frame, shapes: Sequence[Array]) -> bool:
+    """Whether nothing of these shapes is in a frame: no part of a line, nor the frame in a closed one."""
+    box = shapely.box(frame.x[0], frame.y[0], frame.x[1], frame.y[1])
+    for points in shapes:
+        xy = np.column_stack(frame.project(points[:, 0], points[:, 1]))
+        xy = xy[np.isfinite(xy).all(axis=1)]
+        if len(xy) == 0:
+            continue
+        closed = len(xy) > 3 and np.allclose(xy[0], xy[-1])
+        shape = shapely.Polygon(xy) if closed else shapely.LineString(xy) if len(xy) > 1 else shapely.Point(xy[0])
+        if shapely.intersects(shapely.make_valid(shape), box):
+            return False
+    return bool(len(shapes))
+
+
+def _outside(frame: Frame, at: Any) -> Array:
+    """Return the probability of the cells outside a frame, 0 in it, (nlat, nlon)."""
+    mass = at["probability"].values.astype(np.float64)
+    mass[frame.holds(*frame.net(at["lon"].values, at["lat"].values))] = 0.0
+    return np.asarray(mass)
+
+
+def _probability(frame: Frame, at: Any) -> str:
+    mass = _outside(frame, at)
+    total = float(mass.sum())
+    if total <= TELLING:
+        return ""
+    lon, lat, alone = _most(mass, at)
+    words = f"{notation.percent(total)} of the probability lies outside this frame"
+    if within(frame, np.array([[lon, lat]]))[0]:  # their mean is in the frame, so they lie round it
+        return f"{words}, on several sides"
+    return f"{words}, {'' if alone else 'most of it '}{_where(frame, lon, lat)}"
+
+
+def _most(mass: Array, at: Any) -> tuple[float, float, bool]:
+    """Return the mean position (lon, lat) [deg] of the place that holds most, and whether it is the only one.
+
+    A place is made of connected cells. Only the densest cells count, which together hold NEARLY all: smoothing leaves a
+    trace everywhere.
+    """
+    height = (mass / at["cell_area"].values).ravel()
+    order = np.argsort(-height, kind="stable")
+    inside = np.cumsum(mass.ravel()[order])
+    kept = np.zeros(mass.size, bool)
+    kept[order[: int(np.searchsorted(inside, NEARLY * inside[-1])) + 1]] = True
+    patch, many = ndimage.label(kept.reshape(mass.shape), np.ones((3, 3), int))
+    each = ndimage.sum_labels(mass, patch, np.arange(1, many + 1))
+    rows, columns = np.nonzero(patch == int(np.argmax(each)) + 1)
+    weight = mass[rows, columns]
+    lon, lat = (float(np.average(at[name].values[i], weights=weight)) for name, i in (("lon", columns), ("lat", rows)))
+    return lon, lat, bool(each.max() >= NEARLY * each.sum())
+
+
+def named(frame: Frame, places: Mapping[str, Sequence[Array]]) -> str:
+    """Return which places lie outside a frame, and where; empty if none does."""
+    outside = [
+        f"{name}, {_where(frame, *shapes[0].mean(axis=0))}" for name, shapes in places.items() if hidden(frame, shapes)
+    ]
+    if not outside:
+        return ""
+    more = f" and {len(outside) - NAMED} more" if len(outside) > NAMED else ""
+    return f"outside this frame: {'; '.join(outside[:NAMED])}{more}"
+
+
+def _where(frame: Frame, lon: float, lat: float) -> str:
+    """Return in which direction from the middle of a frame a place is, and where."""
+    return f"to the {_point(frame, lon, lat)} (around {notation.position(lon, lat)})"
+
+
+def _point(frame: Frame, lon: float, lat: float) -> str:
+    """Return the direction from the middle of a frame to a place, as one of eight points."""
+    east, north = sphere.offset(*np.radians(frame.centre), *np.radians([lon, lat]))
+    return POINTS[round(float(np.degrees(np.arctan2(east, north))) / 45) % 8]

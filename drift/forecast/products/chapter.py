@@ -1,0 +1,83 @@
+"""What a forecast hands out: maps over time, tracks, tables, shapes for a GIS, and two pictures.
+
+The tracks are those of a subsample.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from drift.forecast import mapped
+from drift.forecast import tracks as forecast_tracks
+from drift.forecast.build import Forecast
+from drift.forecast.products import tables
+from drift.forecast.tracks import Trajectories
+from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.maps.imprint import Setting
+
+
+@dataclass(frozen=True)
+class Matter:
+    """What the files and pictures are made from."""
+
+    forecast: Forecast
+    tracks: Trajectories
+    setting: Setting
+    overlays: Sequence[
+        Callable[[Any], Any]
+    ] = ()  # what other topics draw on the map: drift.products.maps.overlay.AtTime
+    small: Sequence[Callable[[Any], Any]] = ()  # the same on the maps of all outputs
+
+
+def _map(matter: Matter, path: Path) -> None:
+    from drift.forecast.products import map as forecast_map  # imported here, for Matplotlib takes a second
+
+    time = mapped.opening(matter.forecast.data, matter.setting.opens)
+    forecast_map.draw_map(matter.forecast, path, matter.setting, time=time, overlays=matter.overlays)
+
+
+def _snapshots(matter: Matter, path: Path) -> None:
+    from drift.forecast.products import map as forecast_map
+
+    forecast_map.draw_snapshots(matter.forecast, path, matter.setting, overlays=matter.small)
+
+
+def _stories(matter: Matter, path: Path) -> None:
+    from drift.forecast.products import stories_map
+
+    stories_map.draw(matter.forecast, path, matter.setting, overlays=matter.small)
+
+
+def _leaves(matter: Matter) -> list[Any]:
+    from drift.forecast.products import report
+
+    return report.of(matter.forecast, matter.tracks)
+
+
+FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+    "forecast.nc": lambda matter, stamped: matter.forecast.data,
+    "particles.nc": lambda matter, stamped: forecast_tracks.dataset(matter.tracks, matter.forecast),
+    "contours.geojson": lambda matter, stamped: tables.contours(matter.forecast, stamped),
+    "track.csv": lambda matter, stamped: tables.track(matter.forecast, stamped["run_id"]),
+    "ashore.csv": lambda matter, stamped: tables.ashore(matter.forecast, stamped["run_id"]),
+}
+PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+    "map.png": _map,
+    "snapshots.png": _snapshots,
+}
+STORIES: dict[str, Callable[[Matter, Path], None]] = {  # of several scenarios
+    "stories.png": _stories,
+}
+
+
+def chapter(matter: Matter) -> Chapter:
+    """Return the chapter of a forecast."""
+    several = matter.forecast.data.sizes["scenario"] > 1
+    return Chapter(
+        tables.numbers(matter.forecast, matter.setting.opens),
+        bound(FILES, matter),
+        bound(PICTURES | STORIES if several else PICTURES, matter),
+        leaves=(partial(_leaves, matter),),
+    )

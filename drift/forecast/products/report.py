@@ -1,0 +1,78 @@
+"""What report.html shows of a forecast: maps over time, areas, tracks, where it went ashore, and the account."""
+
+from typing import Any
+
+from drift.engine.particles.status import Status
+from drift.forecast import coastal, mapped
+from drift.forecast.build import Forecast
+from drift.forecast.products import layers
+from drift.forecast.tracks import Trajectories
+from drift.products.files import geojson
+from drift.products.report import leaves
+from drift.products.report.leaves import Leaf
+from geo import notation, sphere
+from geo.notation import NMI
+
+
+def of(forecast: Forecast, tracks: Trajectories) -> list[Leaf]:
+    """Return the leaves of a forecast and of its subsample."""
+    data = forecast.data
+    stories = {"All stories": data["probability"].values}
+    if data.sizes["scenario"] > 1:
+        by_story = data["probability_by_scenario"]
+        names = [str(name) for name in data.get("mapped_scenario", data["scenario"]).values]
+        stories |= {name: by_story.values[:, k] for k, name in enumerate(names)}
+    tops = [layers.scale_top(data.isel(time=k)) / 100 / NMI**2 for k in range(data.sizes["time"])]
+    lon = sphere.to_degrees(tracks.lon)
+    return [
+        leaves.maps(
+            "Probability", data["time"].values, data["lon"].values, data["lat"].values, stories, data["cell_area"].values, tops,
+            containment=data["containment"].values, shown=mapped.SHOWN,
+        ),
+        leaves.shapes(
+            "Areas", "contours.geojson", "area", when=leaves.AT, frame=True,
+            told=[("level", "Holds", "share"), ("area_nmi2", "Area", "nmi2"), ("effective_particles", "Particles that count", "count")],
+        ),
+        leaves.points(
+            "Ashore at the end", "ashore.csv", "ashore", since="first_time", weight="probability_ashore", shown="effective_worlds" not in data,
+            told=[("position", "Position", "words"), ("probability_ashore", "Probability", "share"), ("first_time", "By", "time")],
+        ),
+        *_on_coast(forecast),
+        leaves.sample("Tracks of a sample", tracks.time, lon, sphere.to_degrees(tracks.lat), tracks.status,
+                      [status.name.lower() for status in sorted(Status)], tracks.scenario),
+        leaves.track("Datum", "track.csv", "datum_lon", "datum_lat", "datum", shown=False),
+        leaves.track("Mean position", "track.csv", "mean_lon", "mean_lat", "mean"),
+        leaves.table("By time", _columns(data), file="track.csv", by_time="time", note="Press a row to see its map."),
+    ]  # fmt: skip
+
+
+def _on_coast(forecast: Forecast) -> list[Leaf]:
+    """Return the coast in each area by time, where its outline is lost under the shoreline."""
+    data = forecast.data
+    drawn = [
+        geojson.feature(geojson.lines([lines]), {"time": notation.iso(at["time"].values[()]), "level": share})
+        for at in (data.isel(time=k) for k in range(data.sizes["time"]))
+        for share, lines in sorted(coastal.strips(at, forecast.shares).items(), reverse=True)
+    ]
+    told = [("level", "Coast, of the area that holds", "share")]
+    # Of a spill, stretches of coast tell more.
+    shown = "effective_worlds" not in data
+    return (
+        [leaves.features("Areas on the coast", drawn, "coast", when=leaves.AT, told=told, shown=shown)] if drawn else []
+    )
+
+
+def _columns(data: Any) -> list[tuple[str, str, str]]:
+    """Return the columns of track.csv that say something in this run."""
+    held = [notation.hundredths(share) for share in data["share"].values]
+    ever = data["status_probability"].values.max(axis=0) > 0
+    status = [str(name) for name, there in zip(data["status"].values, ever, strict=True) if there]
+    counts = {"effective_particles": "Particles that count", "effective_worlds": "Worlds that count on the map"}
+    return [
+        ("time", "Time", "time"),
+        ("mean_position", "Mean position", "words"),
+        ("datum_position", "Datum", "words"),
+        *((f"area_{share}_nmi2", f"{share} % area", "nmi2") for share in held),
+        *((f"probability_{name}", name.replace("_", " ").capitalize(), "share") for name in status),
+        *((name, header, "count") for name, header in counts.items() if name in data),
+    ]

@@ -1,0 +1,169 @@
+"""The forecast's numbers as text: the summary, the contours as GeoJSON, tables as CSV. Writes no file."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from drift.forecast import mapped
+from drift.forecast.build import Forecast
+from drift.forecast.likeliest import Shown
+from drift.forecast.products import dataset
+from drift.products.files import formats, geojson
+from geo import notation, sphere
+from geo.notation import NMI
+
+
+def numbers(forecast: Forecast, opens: np.datetime64 | None = None) -> dict[str, Any]:
+    """Return the forecast's numbers for the summary: `scenarios` and, by time, `outputs`.
+
+    opens: the time that the map and the report show first, as drift.forecast.mapped.opening takes it; it is told too.
+    """
+    data = forecast.data
+    names = [str(name) for name in data["scenario"].values]
+    weights = data["scenario_probability"].values
+    return {
+        "scenarios": [
+            {"name": name, "prior": weights[0, i], "posterior": weights[-1, i]} for i, name in enumerate(names)
+        ],
+        "outputs": [_output(forecast, i) for i in range(data.sizes["time"])],
+        "opens": data["time"].values[mapped.opening(data, opens)],
+    }
+
+
+def _output(forecast: Forecast, i: int) -> dict[str, Any]:
+    data, at = forecast.data, forecast.data.isel(time=i)
+    held = [f"{notation.hundredths(share)}%" for share in at["share"].values]
+    areas = at["containment_area"].values
+    status = [str(s) for s in at["status"].values]
+    return {
+        "time": at["time"].values[()],
+        "date_time_group": notation.group(at["time"].values[()]),
+        "mean": _place(at["mean_lon"].item(), at["mean_lat"].item()),
+        "datum": _place(at["datum_lon"].item(), at["datum_lat"].item()),
+        "area_nmi2": dict(zip(held, areas / NMI**2, strict=True)),
+        "area_km2": dict(zip(held, areas / 1e6, strict=True)),
+        "held_out": dict(zip(held, at["held_out"].values, strict=True)),
+        "probability": dict(zip(status, at["status_probability"].values, strict=True)),
+        **counts(data, i),
+        "effective_by_status": dict(zip(status, at["status_effective"].values, strict=True)),
+        "scenarios": _scenarios(at, dataset.shown(data)),
+    }
+
+
+def _scenarios(at: Any, shown: Shown) -> dict[str, Any]:
+    """Return how each scenario that has a map of its own stands at a time, and the probability of the others."""
+    names = [str(name) for name in at["scenario"].values]
+    scenarios: dict[str, Any] = {
+        names[j]: {
+            "probability": at["scenario_probability"].values[j],
+            "effective_particles": at["scenario_effective"].values[j],
+            "mean": _place(at["scenario_mean_lon"].values[j], at["scenario_mean_lat"].values[j]),
+        }
+        for j in shown.alone
+    }
+    if shown.rest:
+        scenarios[shown.names(names)[-1]] = {"probability": shown.sums(at["scenario_probability"].values)[-1]}
+    return scenarios
+
+
+def counts(data: Any, i: int) -> dict[str, float]:
+    """Return how many particles, and worlds where there are any, count for a map, by column of a table."""
+    names = [name for name in ("effective_particles", "effective_worlds") if name in data]
+    return {name: float(data[name].values[i]) for name in names}
+
+
+def _place(lon: float, lat: float) -> dict[str, Any] | None:
+    if not np.isfinite(lat):
+        return None
+    return {"lon": sphere.wrap_degrees(lon), "lat": lat, "text": notation.position(lon, lat)}
+
+
+def track(forecast: Forecast, run: str) -> str:
+    """Return the mean track with areas and account by time, as CSV; run: its run_id, in the last column."""
+    data = forecast.data
+    held = [notation.hundredths(share) for share in data["share"].values]
+    status = [str(s) for s in data["status"].values]
+    rows = []
+    for i in range(data.sizes["time"]):
+        at = data.isel(time=i)
+        when = at["time"].values[()]
+        mean, datum = ((at[f"{n}_lon"].item(), at[f"{n}_lat"].item()) for n in ("mean", "datum"))
+        rows.append(
+            [
+                notation.iso(when),
+                notation.group(when),
+                *_numbers(sphere.wrap_degrees(mean[0]), mean[1], form=".6f"),
+                notation.position(*mean) or "",
+                *_numbers(sphere.wrap_degrees(datum[0]), datum[1], form=".6f"),
+                notation.position(*datum) or "",
+                *_numbers(*(at["containment_area"].values / NMI**2), form=".6g"),
+                *_numbers(*at["status_probability"].values, form=".6f"),
+                *_numbers(*counts(data, i).values(), form=".6g"),
+                run,
+            ]
+        )
+    return formats.csv_text(
+        [
+            "time",
+            "date_time_group",
+            "mean_lon",
+            "mean_lat",
+            "mean_position",
+            "datum_lon",
+            "datum_lat",
+            "datum_position",
+            *(f"area_{share}_nmi2" for share in held),
+            *(f"probability_{s}" for s in status),
+            *counts(data, 0),
+            "run_id",
+        ],
+        rows,
+    )
+
+
+def ashore(forecast: Forecast, run: str) -> str:
+    """Return where the object may be ashore at the end, cell by cell, likeliest first, and by when, as CSV.
+
+    run: its run_id, in the last column. first_time is the first output time at which half of the cell's final
+    probability had landed there.
+    effective_particles: how many of those ashore count, in all cells together.
+    """
+    data = forecast.data
+    every = data["probability_ashore"].values
+    last = every[-1].ravel().astype(np.float64)
+    cells = np.flatnonzero(last > 0)
+    cells = cells[np.argsort(-last[cells], kind="stable")]
+    half = np.argmax(every.reshape(len(every), -1)[:, cells].astype(np.float64) >= 0.5 * last[cells], axis=0)
+    row, column = np.unravel_index(cells, every.shape[1:])
+    lon, lat = sphere.wrap_degrees(data["lon"].values)[column], data["lat"].values[row]
+    times = [notation.iso(time) for time in data["time"].values]
+    many = f"{data['status_effective'].sel(status='ashore').values[-1]:.6g}"
+    rows = [
+        [f"{x:.6f}", f"{y:.6f}", notation.position(x, y), f"{share:.4g}", times[first], many, run]
+        for x, y, share, first in zip(lon.tolist(), lat.tolist(), last[cells].tolist(), half.tolist(), strict=True)
+    ]
+    header = ["lon", "lat", "position", "probability_ashore", "first_time", "effective_particles", "run_id"]
+    return formats.csv_text(header, rows)
+
+
+def _numbers(*values: float, form: str) -> list[str]:
+    return [format(value, form) if np.isfinite(value) else "" for value in values]
+
+
+def contours(forecast: Forecast, attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the containment contours as a GeoJSON FeatureCollection (RFC 7946), cut at the antimeridian."""
+    features, times = [], forecast.data["time"].values
+    for contour in forecast.contours:
+        geometry = geojson.polygons(contour.polygon)
+        if not geometry["coordinates"]:
+            continue
+        properties = {
+            "time": notation.iso(contour.time),
+            "level": contour.share,
+            "area_nmi2": contour.area / NMI**2,
+            "area_km2": contour.area / 1e6,
+            **counts(forecast.data, int(np.flatnonzero(times == contour.time)[0])),
+        }
+        features.append(geojson.feature(geometry, properties))
+    return geojson.collection(features, attributes)

@@ -1,0 +1,1 @@
+"""A run from its case to its files, in one process or many."""

@@ -1,0 +1,534 @@
+"""The whole flow on one page: case -> environment -> prior -> forecast and filter -> products -> files."""
+
+import contextlib
+import logging
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal, overload
+
+import numpy as np
+
+from drift.case.record import Case
+from drift.engine.environment import ambient, environment
+from drift.engine.environment.ambient import Flow
+from drift.engine.environment.environment import Environment
+from drift.engine.motion import scene, simulate
+from drift.engine.motion.forcing import Sources
+from drift.engine.motion.spool import Spool
+from drift.engine.particles import life
+from drift.engine.particles.columns import Columns
+from drift.engine.particles.ensemble import Ensemble
+from drift.evidence.filter import account
+from drift.evidence.filter.account import Noted
+from drift.evidence.filter.products import chapter as search_chapter
+from drift.evidence.filter.products import particles_left
+from drift.evidence.filter.products import tables as search_tables
+from drift.evidence.filter.standing import Standing
+from drift.evidence.filter.updates import Updates
+from drift.evidence.posterior import chapter as posterior_chapter
+from drift.evidence.posterior import tables as posterior_tables
+from drift.evidence.posterior.records import Posteriors
+from drift.evidence.suspend import chapter as suspend_chapter
+from drift.evidence.suspend import decision
+from drift.evidence.suspend.further import Planned
+from drift.forecast import build as forecast_build
+from drift.forecast import by_member, effective, mapped, off_grid, survey
+from drift.forecast.by_member import Members
+from drift.forecast.products import chapter as forecast_chapter
+from drift.forecast.products import dataset
+from drift.forecast.tracks import Trajectories
+from drift.pipeline import run_metadata, run_setup
+from drift.pipeline.result import Result
+from drift.pipeline.run_options import Job, Options, Report, in_turn, opened
+from drift.pipeline.run_setup import Setup, Start
+from drift.pipeline.shards import cluster, divide, fingerprint, shelf, spilled
+from drift.pipeline.shards import run as shards_run
+from drift.products.files import publication, writer
+from drift.products.files.chapter import Chapter, joined
+from drift.products.maps.imprint import Setting
+from drift.spills.backtrack import backward
+from drift.spills.backtrack import chapter as backtrack_chapter
+from drift.spills.worlds import evidence, renewal
+from drift.spills.worlds.products import chapter as spill_chapter
+from drift.spills.worlds.renewal import Aftermath, Drifted
+from drift.spills.worlds.strandings import Landings
+from drift.spills.worlds.worlds import Proposal, Worlds
+from geo.array import Array
+from geo.coast.segments import Segments
+from geo.errors import UserError
+from kernels.runtime import runtime
+
+REPORT = "report.html"
+COMMAND = "command"  # in the summary: by which the results were made
+LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
+
+
+@overload
+def run(
+    case: Case,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    datasets: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    backend: str = "cpu",
+    overwrite: bool = False,
+    report: Report | None = None,
+    memory: float | None = None,
+    shards: int | None = None,
+    client: Any = None,
+    resume: Literal[False] = False,
+) -> Result: ...
+@overload
+def run(
+    case: Case,
+    out: str | os.PathLike[str],
+    *,
+    datasets: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    backend: str = "cpu",
+    overwrite: bool = False,
+    report: Report | None = None,
+    memory: float | None = None,
+    shards: int | None = None,
+    client: Any = None,
+    resume: bool,
+) -> Result | None: ...
+
+
+@in_turn
+def run(
+    case: Case,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    datasets: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    backend: str = "cpu",
+    overwrite: bool = False,
+    report: Report | None = None,
+    memory: float | None = None,
+    shards: int | None = None,
+    client: Any = None,
+    resume: bool = False,
+) -> Result | None:
+    """Forecast a case; with `out`, write the results there, complete or not at all.
+
+    datasets: the xarray.Datasets that the case's sources name; they are only read, and not kept. report is told what is
+    being done and how much of it is done. memory: [GiB] that it may take, by default half of what is free; a run that
+    needs more is moved in shards, one after another, and with `out` one that was stopped goes on with those that are
+    missing. shards: how many, whatever the memory; no number of them changes a bit of the results. client: a
+    dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it. resume: where `out`
+    holds the results of exactly this run, do nothing and return None; where it holds another's, say what changed and
+    replace them as `overwrite` does, once the new ones are complete. Raises UserError for all that the user can mend.
+    """
+    if resume and out is None:
+        raise UserError("resume = True: without out nothing is kept; give the folder of the results")
+    job = opened(
+        case,
+        Options(
+            out,
+            datasets,
+            threads,
+            shelf.settled(backend, out, client),
+            overwrite or resume,
+            report,
+            memory,
+            shards,
+            client,
+        ),
+    )
+    if resume and _stands(job):
+        assert job.out is not None
+        if shelf.unfinished(job.out):  # it was killed after its results stood, or another run was
+            shelf.clear(job.out, fingerprint.of(case, job.where, 1))
+        return None
+    with kept(job) as result:  # no other run may begin on the folder before the results stand
+        write(result, job)
+    if job.out is not None:
+        shelf.clear(job.out)
+    return result
+
+
+def _stands(job: Job) -> bool:
+    """Whether the folder holds the results of exactly this run; where it holds another's, say what changed."""
+    assert job.out is not None
+    before = publication.summary(job.out, writer.SUMMARY)
+    if before is None:
+        return False
+    changed = run_metadata.changed(job.case, job.where, before)
+    if before.get(COMMAND) != "run":
+        changed.append("the command")
+    if changed:
+        LOG.warning(
+            "%s holds results of another run: %s changed since; they are replaced once the new ones are complete",
+            job.out,
+            " and ".join(changed),
+        )
+    return not changed
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A run whose particles have been moved, before anything is made of them; they are read from its snapshots."""
+
+    setup: Setup
+    snapshots: Spool
+    updates: Updates | None = None
+    posteriors: Posteriors | None = None
+    after: Aftermath | None = None
+    begun: Standing | None = None
+
+
+@dataclass(frozen=True)
+class Moved(Ended):
+    """The same of a run in one piece, with what its particles were at its begin and are at its end."""
+
+    begin: Start = field(kw_only=True)
+    done: Drifted = field(kw_only=True)
+
+
+def forecasted(job: Job, noted: Noted | None = None) -> Result:
+    """Return the forecast of a job's case; noted: as `moved` takes it."""
+    with kept(job, noted) as result:
+        return result
+
+
+@contextlib.contextmanager
+def kept(job: Job, noted: Noted | None = None) -> Iterator[Result]:
+    """Give the forecast of a job's case, as `forecasted` does, with its particles, which can be read inside."""
+    many = _shards(job)
+    with contextlib.ExitStack() as stack:
+        if many > 1 or job.client is not None:
+            ended = _spilled(job, many, stack) if job.case.spill else _in_shards(job, many, stack, noted)
+        else:
+            with job.clock.phase("start"):
+                begin = run_setup.prepare(job.case, job.where)
+            ended = moved(job, begin, stack, noted)
+        yield made(job, ended)
+
+
+def _shards(job: Job) -> int:
+    """Return into how many shards a job's run is cut: as the one before was, if it goes on from there and that fits."""
+    workers = None if job.client is None else cluster.workers_of(job.client)
+    many = divide.number(job.case, job.memory, job.shards, workers)
+    if many > 1:
+        shelf.check_room(job.out, shelf.need(job.case, job.case.particles))
+    if job.shards or job.out is None or not shelf.unfinished(job.out):
+        return many
+    before = shelf.begun(job.out, fingerprint.of(job.case, job.where, many)) or many
+    return before if job.memory is None else max(before, many)
+
+
+def _in_shards(job: Job, many: int, stack: contextlib.ExitStack, noted: Noted | None) -> Ended:
+    """Return a job's run, moved in shards; its particles can be read as long as the stack is open."""
+    with job.clock.phase("start"):
+        mark = fingerprint.of(job.case, job.where, many)
+        if job.client is not None:
+            stack.callback(cluster.release, job.client)
+        deal = None if job.client is None else partial(cluster.begun, job.client, job.case, mark)
+        whole = divide.prepare(job.case, job.where, many, deal)
+    stack.enter_context(contextlib.closing(whole.setup.scene.forcing))
+    with job.clock.phase("drift"):
+        done = stack.enter_context(shards_run.moved(job, whole, mark, noted))
+    return Ended(whole.setup, done.snapshots, done.updates, done.posteriors, begun=done.begun)
+
+
+def _spilled(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:
+    """Return the run of a spill, moved in shards and weighed by the finds, as `_in_shards` does."""
+    case, where = job.case, job.where
+    with job.clock.phase("start"):
+        run = spilled.prepare(case, where, many)
+        stack.enter_context(contextlib.closing(run.setup.scene.forcing))
+        stretches = run_setup.stretches(case, where, run.worlds)
+    if job.client is not None:
+        stack.callback(cluster.release, job.client)
+    rounds = stack.enter_context(spilled.opened(job, run))
+
+    def moved(drawn: Worlds, seed: int, number: int) -> Drifted:
+        with job.clock.phase("drift"):
+            drifted = rounds.moved(drawn, seed, number)
+        stack.enter_context(drifted.snapshots)
+        return drifted
+
+    def renewed(proposal: Proposal, number: int) -> Drifted:
+        return moved(*run_setup.renewed(case, where, proposal, number), number)
+
+    done, after = _settled(job, stretches, moved(run.worlds, case.seed, 0), renewed)
+    return Ended(run.setup, done.snapshots, after=after)
+
+
+def _settled(
+    job: Job, stretches: Segments | None, first: Drifted, renewed: Callable[[Proposal, int], Drifted]
+) -> tuple[Drifted, Aftermath]:
+    """Return the run of a spill that finds leave, and its aftermath; renewed: see drift.spills.worlds.renewal.settle."""
+    case, coast = job.case, job.where.coast
+    assert case.spill is not None
+    assert coast is not None
+    assert stretches is not None
+    with job.clock.phase("finds"):
+        return renewal.settle(case.period, case.spill, coast, stretches, first, renewed)
+
+
+def moved(job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None) -> Moved:
+    """Return a job's run, moved from its start; its particles can be read as long as the stack is open.
+
+    noted: is told of each sortie, contact and sensor, as drift.evidence.filter.filter does.
+    """
+    case, where = job.case, job.where
+    with job.clock.phase("start"):
+        stretches = run_setup.stretches(case, where, begin.worlds)
+    begun = _begun(case, begin.ensemble)
+    (done, updates, posteriors), after = _drifted(job, begin, stack, noted), None
+    if case.spill:
+
+        def renewed(proposal: Proposal, number: int) -> Drifted:
+            """Draw a spill's worlds anew, and move their objects through the run."""
+            return _drifted(job, run_setup.renew(case, where, begin, proposal, number), stack)[0]
+
+        done, after = _settled(job, stretches, done, renewed)
+    return Moved(begin, done.snapshots, updates, posteriors, after, begun, begin=begin, done=done)
+
+
+def made(job: Job, run: Ended) -> Result:
+    """Return what is made of a run that has been moved, whose particles can still be read."""
+    case, where, setup, snapshots = job.case, job.where, run.setup, run.snapshots
+    after, updates, posteriors = run.after, run.updates, run.posteriors
+    names = [scenario.name for scenario in case.scenarios]
+    job.tell("map", 0.0)
+    with job.clock.phase("products"):
+        end = survey.of(snapshots.outputs[-1], len(names))
+        is_land = scene.land_of(setup.scene)
+        forecast = forecast_build.build(
+            snapshots.outputs,
+            scenarios=names,
+            is_land=is_land,
+            shares=case.areas,
+            grid=case.grid,
+            tell=partial(job.tell, "map"),
+        )
+        tracks = _trajectories(case, snapshots)
+    summary = run_metadata.numbers(case, where, end, setup, job.clock.seconds)
+    member_told = _members(setup.spec.members, run)
+    if member_told is not None:
+        summary |= {"members": by_member.numbers(member_told)}
+    off_map = off_grid.warnings(forecast.data)
+    summary["warnings"] = particles_left.of_run(forecast.data, case.particles, updates, case.contacts)
+    summary["warnings"] += off_map
+    if after is not None:
+        summary |= renewal.numbers(after)
+        # Maps are of the same worlds: where these are few, one warning is enough.
+        few = effective.Count(after.posterior.effective, what="worlds").few
+        summary["warnings"] = [*renewal.warnings(after), *([] if few else summary["warnings"])]
+    summary["warnings"] += environment.warnings(where)
+    if updates is not None:
+        summary |= {"search": search_tables.numbers(updates)}
+    if posteriors is not None:
+        summary |= posterior_tables.summary(posteriors)
+    on = run_metadata.with_coast(run_metadata.setting(case, where, dataset.shown(forecast.data)))
+    flown = updates.sorties if updates else ()
+    # What flows is kept, and not its sources: a dataset that was handed in is let go.
+    flows = ambient.over(_of_likeliest(case, where), mapped.box(forecast.data), forecast.data["time"].values)
+    over = (partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors), partial(_flows, flows))
+    return Result(case, forecast, tracks, summary, on, over, after, updates, run.begun, posteriors, flows, member_told)
+
+
+def _members(names: Sequence[str], run: Ended) -> Members | None:
+    """Return what is told of the members of an ensemble of winds and currents; None without one."""
+    if not names:
+        return None
+    by_world = None
+    if run.after is not None and run.after.worlds.member is not None:
+        by_world = np.bincount(run.after.worlds.member, run.after.posterior.weight, len(names))
+    return by_member.told(names, run.snapshots.outputs[-1], by_world)
+
+
+def _of_likeliest(case: Case, where: Environment) -> Sources:
+    """Return the winds and currents of the scenario that was likeliest at first."""
+    return where.scenarios[max(range(len(case.scenarios)), key=lambda number: case.scenarios[number].weight)]
+
+
+def _flows(found: Mapping[str, Flow], time: Any) -> Any:
+    """Return what a map shows of winds and currents at a time, a drift.products.maps.overlay.Overlay."""
+    from drift.engine.environment import layers  # here: Matplotlib takes a second to import
+
+    return layers.flows(found, time)
+
+
+def _begun(case: Case, ensemble: Ensemble) -> Standing | None:
+    """Return how a search stood before any sortie or contact; None where that is not told."""
+    if not run_setup.is_standing(case):
+        return None
+    columns = {"log_weight": ensemble.log_weight.to_numpy(), "release": ensemble.release.to_numpy()}
+    return account.begun(run_setup.ensemble_spec(case), Columns.held(ensemble.blocks, columns))
+
+
+def _drifted(
+    job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None
+) -> tuple[Drifted, Updates | None, Posteriors | None]:
+    """Return an ensemble moved through the run, what sorties and contacts did, and what they tell; close the forcing.
+
+    What it was like at every output can be read as long as the stack is open.
+    """
+    case = job.case
+    outputs = case.period.seconds(case.outputs)
+    with job.clock.phase("drift"), contextlib.closing(begin.scene.forcing):
+        landings = Landings(begin.ensemble, begin.scene.place.beach.stay > 0) if case.spill else None
+        watch = landings.watch if landings else None
+        beliefs = run_setup.beliefs(case, begin)
+        search = run_setup.search(case, begin, beliefs, noted)
+        moments = simulate.run(
+            begin.ensemble, begin.scene, begin.clock, outputs, partial(job.tell, "drift"), watch, search
+        )
+        spool = Spool.of_run(
+            case.period, begin.ensemble, moments, len(outputs),
+            worlds=landings is not None, more=landings.note if landings else None,
+        )  # fmt: skip
+        snapshots = stack.enter_context(spool)
+        run_setup.check_end(case, job.where, begin, snapshots, search.unsearched if search else None)
+    done = Drifted(begin.ensemble.seed, snapshots, begin.worlds)
+    return done, search.updates if search else None, beliefs.posteriors if beliefs else None
+
+
+def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Planned | None = None) -> None:
+    """Write all that a forecast hands out to the job's folder, if it has one, complete or not at all.
+
+    more: chapters of what was made from the forecast. planned: sorties that are still to be flown, where it is the
+    forecast of their failure.
+    """
+    if job.out is None:
+        return
+    job.tell("write", 0.0)
+    with job.clock.phase("write"):
+        case, where, after, updates = result.case, job.where, result.aftermath, result.updates
+        failed = on = result.setting
+        if planned is not None:
+            failed = replace(on, imprint=replace(on.imprint, title=f"If this plan finds nothing: {case.title}"))
+        # A plan's folder holds a forecast too, which is that of its failure.
+        chapters = [run_metadata.chapter(case, where, {COMMAND: "plan" if more else "run", **result.summary})]
+        chapters.append(Chapter(leaves=(partial(_surroundings, result, on),)))
+        if after is not None:
+            chapters.append(spill_chapter.chapter(spill_chapter.Matter(after, on)))
+        if updates is not None:
+            # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
+            search_matter = search_chapter.Matter(updates, case.contacts, result.forecast, failed, case.sensors)
+            chapters.append(search_chapter.chapter(search_matter, mapped=planned is None))
+        if result.posteriors is not None:
+            chapters.append(posterior_chapter.chapter(posterior_chapter.Matter(result.posteriors, failed)))
+        if result.members is not None:
+            chapters.append(by_member.chapter(result.members))
+        chapters += more
+        if basis := suspension(result, planned):
+            lost = decision.off_map(result.forecast.data)
+            suspend_matter = suspend_chapter.Matter(basis, on.imprint, run_metadata.synthetic(case), lost)
+            chapters.append(suspend_chapter.chapter(suspend_matter))
+        # Legs and contacts would hide small maps; fields and barriers are few lines.
+        sensors = [partial(search_chapter.overlay, (), (), sensors=case.sensors)] if case.sensors.telling else []
+        mapped_at = failed if planned is None else replace(failed, opens=None)  # its map is of the time after the plan
+        forecast_matter = forecast_chapter.Matter(
+            result.forecast, result.trajectories, mapped_at, result.overlays, sensors
+        )
+        chapters.insert(0, forecast_chapter.chapter(forecast_matter))
+        publish(job.out, chapters, failed, overwrite=job.overwrite, tell=partial(job.tell, "write"))
+
+
+def _surroundings(result: Result, on: Setting) -> list[Any]:
+    """Return what the report shows of where the run began, of ways, winds and currents."""
+    from drift.engine.environment import report as environment_report  # here: Matplotlib takes a second to import
+    from drift.products.report import leaves
+
+    begun = [leaves.marked("Where it began", on.marks, on.lines, "start")] if on.marks or on.lines else []
+    ways, flows = environment_report.itineraries(result.case.scenarios), environment_report.flows(result.flows)
+    return [*begun, *ways, *flows]
+
+
+def publish(
+    out: Path, chapters: Sequence[Chapter], on: Setting, *, overwrite: bool, tell: Callable[[float], None]
+) -> None:
+    """Write chapters and the report of them; a picture that cannot be drawn is left out, with a warning.
+
+    tell: takes the share that is written.
+    """
+    from drift.products.maps import page  # here: Matplotlib takes a second to import
+    from drift.products.report import page as report_page
+
+    whole = joined(chapters)
+    pictures = {name: page.kept(draw) for name, draw in whole.pictures.items()}
+
+    def told(path: Path) -> None:
+        report_page.write(path, [leaf for leaves in whole.leaves for leaf in leaves()], on, whole.warnings)
+
+    drawn = replace(whole, pictures=pictures, digests={REPORT: page.kept(told)})
+    writer.write(out, [drawn], overwrite=overwrite, processes=runtime.threads(), tell=tell)
+
+
+def suspension(result: Result, planned: Planned | None = None) -> decision.Suspension | None:
+    """Return what a decision to suspend rests on; planned: sorties not yet flown.
+
+    None where there are neither sorties nor survival times, and in a backward run.
+    """
+    case, begun = result.case, result.begun
+    if begun is None or case.direction < 0:
+        return None
+    return decision.build(case.scenarios, case.start, begun, result.updates, result.forecast.data, planned)
+
+
+@in_turn
+def origin(
+    case: Case,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    datasets: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    backend: str = "cpu",
+    overwrite: bool = False,
+    report: Report | None = None,
+) -> backward.Origin:
+    """Run a spill backward from its finds to where and when it may have been released.
+
+    With `out`, the results are written there.
+    It proposes where to look: the answer is a forward run weighted by the finds. Raises UserError for all that the user
+    can mend.
+    """
+    if case.spill is None:
+        raise UserError(f"{case.path.name}: has no [spill]; an origin is told from the [[find]]s of a spill")
+    job = opened(case, Options(out, datasets, threads, backend, overwrite, report))
+    where = job.where
+    assert where.coast is not None
+    with job.clock.phase("read"):
+        segments = evidence.cut(case.spill, where.coast)
+        places = [evidence.place(find, segments, where.coast) for find in case.spill.finds]
+    with job.clock.phase("drift"):
+        spec, cut = run_setup.ensemble_spec(case), run_setup.clock_spec(case)
+        release = backward.backward(case.spill, spec, cut, where, segments, places, progress=partial(job.tell, "drift"))
+    if job.out is not None:
+        matter = backtrack_chapter.Matter(release, case.spill.finds, run_metadata.setting(case, where))
+        run = Chapter(facts=run_metadata.attributes(case, where))
+        end = Chapter({"wall_time_s": job.clock.seconds}, leaves=(lambda: [run_metadata.written(case)],))
+        chapters = [run, backtrack_chapter.chapter(matter), end]
+        publish(job.out, chapters, matter.setting, overwrite=job.overwrite, tell=partial(job.tell, "write"))
+    return release
+
+
+trace = origin  # its former name
+
+
+def _trajectories(case: Case, snapshots: Spool) -> Trajectories:
+    """Return the tracks of slots spread evenly over the particles.
+
+    The track of what was drawn anew is that of its ancestors before.
+    """
+    living: Array | None = None
+    if case.resampling.below > 0:  # slots that are held to spare have no weight
+        living = np.concatenate([part.blocks.places[part.probability > 0] for part in snapshots.outputs[-1].parts()])
+    many = snapshots.n if living is None else living.size
+    slot = np.unique(np.linspace(0, many - 1, min(case.trajectories, snapshots.n)).astype(int))
+    slot = slot if living is None else living[slot]
+    way = snapshots.follow(slot)
+    release, since, edge = snapshots.at_end(("release", "status_since", "edge"), slot)
+    over = life.over(way["status"][:, -1])
+    ended, edge = np.where(over, since, -1), np.where(over, edge, -1)
+    times = np.array([snapshots.time(k) for k in range(len(snapshots))])
+    at = way["lon"], way["lat"], way["status"], way["probability"]
+    return Trajectories(times, slot, way["scenario"][:, -1], *at, release, ended, edge)

@@ -1,0 +1,373 @@
+"""The start of a run: what is asked of the engine, the environment, ensemble, scene and clock.
+
+Here a case becomes the records that the engine takes; below nothing knows of it.
+"""
+
+import contextlib
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+from drift.case.record import Case
+from drift.engine.environment import coastline, domain, environment, lost
+from drift.engine.environment.environment import Common, Environment
+from drift.engine.environment.environment_spec import Coast, EnvironmentSpec
+from drift.engine.environment.silence import AtEnd
+from drift.engine.motion import models, prior, step_size
+from drift.engine.motion.clock import Clock
+from drift.engine.motion.ensemble_spec import EnsembleSpec, Release
+from drift.engine.motion.forcing import Forcing
+from drift.engine.motion.period import ClockSpec
+from drift.engine.motion.scene import Scene
+from drift.engine.motion.spool import Spool
+from drift.engine.motion.step_size import Trial
+from drift.engine.particles import partials, weights
+from drift.engine.particles.columns import Columns
+from drift.engine.particles.ensemble import Ensemble
+from drift.engine.particles.status import Status
+from drift.evidence.filter.account import Noted
+from drift.evidence.filter.debris import guide as guides
+from drift.evidence.filter.debris import pilot
+from drift.evidence.filter.debris.guide import Guide
+from drift.evidence.filter.debris.guide import Trial as Lead
+from drift.evidence.filter.filter import Search
+from drift.evidence.filter.meeting import Meeting
+from drift.evidence.filter.updates import Update
+from drift.evidence.posterior.beliefs import Beliefs
+from drift.evidence.posterior.source import Particles
+from drift.evidence.sensors import afloat, unknown
+from drift.spills.worlds import release, renewal
+from drift.spills.worlds import worlds as drawn_worlds
+from drift.spills.worlds.worlds import Proposal, Worlds
+from geo import notation
+from geo.coast import edges as shoreline
+from geo.coast.segments import Segments
+from geo.coast.shore import Shore
+from geo.errors import UserError
+from kernels.evidence import jumps
+from kernels.maths import noise
+from kernels.maths.noise import Purpose
+from kernels.runtime import devices, memory, runtime
+from kernels.step import advance
+from kernels.step import coast as device_coast
+
+BYTES_PER_PARTICLE = 250  # at the peak of a run in one piece of what drifts: 96 on the device, the rest on the host
+SEARCHED, SORTIE, STEERING, DEBRIS = 250, 12, 200, 150  # [bytes] more; 510 in all were seen in a search of six sorties
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """What a run goes through, whoever its particles are."""
+
+    spec: EnsembleSpec  # what the particles are drawn from
+    dry: tuple[float, ...]  # share of each scenario's prior that is on land
+    scene: Scene
+    clock: Clock
+    trial: Trial | None  # why "auto" chose its step
+    guide: Guide | None = None  # how finds of debris guide the particles; None: none does
+
+
+@dataclass(frozen=True, kw_only=True)
+class Start(Setup):
+    """All that the first step of a run needs."""
+
+    ensemble: Ensemble
+    worlds: Worlds | None = None  # of a spill
+
+
+def ensemble_spec(case: Case) -> EnsembleSpec:
+    """Return what the ensemble of a case is drawn from."""
+    return EnsembleSpec(
+        period=case.period,
+        scenarios=case.scenarios,
+        errors=case.errors,
+        particles=case.particles,
+        seed=case.seed,
+        resampling=case.resampling.method if case.resampling.below > 0 else None,
+        debris=tuple(contact.drifter for contact in case.contacts if contact.drifter is not None),
+        release=Release(case.spill.release_std, case.spill.windage_bias) if case.spill else None,
+        counts=case.counts,
+    )
+
+
+def spec_of(case: Case, where: Environment) -> EnsembleSpec:
+    """Return what the ensemble of a case is drawn from, once its environment is known."""
+    return replace(ensemble_spec(case), members=where.members)
+
+
+def environment_spec(case: Case) -> EnvironmentSpec:
+    """Return what is to be opened for a case."""
+    return EnvironmentSpec(case.forcing, case.coast, case.domain, case.max_lost)
+
+
+def clock_spec(case: Case) -> ClockSpec:
+    """Return how the time of a case is to be cut into steps."""
+    return ClockSpec(case.step, case.scheme, case.tolerance)
+
+
+def open_for(
+    case: Case,
+    datasets: Mapping[str, Any] | None = None,
+    seen: Callable[[Shore], Shore] | None = None,
+    common: Common | None = None,
+) -> Environment:
+    """Return the environment of a case.
+
+    datasets: the xarray.Datasets that its sources name; seen: what of the land's detail is wanted, all unless a
+    function says; common: what is shared with other cases. Raises UserError as `environment.open_for` does.
+    """
+    asked = environment_spec(case)
+    held = environment.hold(asked, datasets, case.path.name)
+    where = environment.open_for(ensemble_spec(case), asked, held, seen, common)
+    if where.coast is not None:
+        afloat.refuse(case.named_sensors.values(), coastline.lands(where.coast, case.coast))
+    return where
+
+
+def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | None = None) -> Start:
+    """Return the start of a case's run; close `scene.forcing` after it.
+
+    shore: the coast, where it lies on the device already.
+    Raises UserError when a prior lies on land or where there is no forcing, when the step is too long, or memory too short.
+    """
+    _check_memory(case)
+    spec = spec_of(case, where)
+    shore = device_coast.upload(where.coast) if where.coast and not shore else shore
+    drawn_first = worlds(case, where) if case.spill else None
+    if case.spill and drawn_first:
+        ensemble = release.draw(case.spill, drawn_first, case.period, case.errors, shore, case.seed)
+        dry: tuple[float, ...] = (0.0,) * len(case.scenarios)
+    else:
+        drawn = prior.draw(spec, shore)
+        ensemble, dry = drawn.ensemble, prior.dry(spec, drawn.tried, shore)
+    setup = staged(case, where, shore, ensemble, dry)
+    with closed_on_failure(setup):
+        lacks = lost.lacking(where.box, ensemble, setup.scene, setup.clock)
+        lost.check_prior(spec, where, case.max_lost, setup.scene, lacks)
+        setup = replace(setup, guide=guide_of(case, where, setup))
+        begun = Start(**vars(setup), ensemble=ensemble, worlds=drawn_first)
+        return guided(case, where, begun)
+
+
+def lead_of(case: Case, where: Environment, setup: Setup) -> Lead:
+    """Return what the pilot run for guiding particles needs."""
+    return Lead(setup.spec, setup.scene, setup.clock, lambda: Forcing(list(where.scenarios), case.direction))
+
+
+def guide_of(case: Case, where: Environment, setup: Setup) -> Guide | None:
+    """Return how finds of debris guide the particles of a case; None where none does."""
+    if case.spill or case.resampling.fills or not any(contact.drifter for contact in case.contacts):
+        return None
+    return pilot.fit(lead_of(case, where, setup), case.contacts)
+
+
+def guided(case: Case, where: Environment, begin: Start) -> Start:
+    """Return a start whose particles are guided toward finds of debris, where they are."""
+    if begin.guide is None:
+        return begin
+    ensemble = guides.guide_particles(begin.guide, lead_of(case, where, begin), begin.ensemble)
+    return replace(begin, spec=begin.guide.spec(begin.spec), scene=begin.guide.scene(begin.scene), ensemble=ensemble)
+
+
+def more_bytes(case: Case) -> int:
+    """Return how many bytes a particle takes besides what it takes to drift: of a search, of what steers, of debris."""
+    debris = len({contact.drifter for contact in case.contacts} - {None})
+    steers = any(scenario.itinerary for scenario in case.scenarios)
+    searched = SEARCHED + SORTIE * len(case.sorties) if is_searched(case) else 0
+    return searched + STEERING * steers + DEBRIS * debris + _listening(case)
+
+
+def _listening(case: Case) -> int:
+    """Return how many bytes a particle takes while most sonars listen at once, one of them copied for an output."""
+    watches = [
+        (s, 4 * (1 + 2 * jumps.STAIRS) * len(unknown.values(s.sensor)[0])) for s in case.sorties if s.sensor is not None
+    ]
+    at_once = [sum(size for s, size in watches if s.start <= one.start < s.end) for one, _ in watches]
+    return max(at_once, default=0) + max((size for _, size in watches), default=0)
+
+
+def _check_memory(case: Case) -> None:
+    need, free, whose = case.particles * (BYTES_PER_PARTICLE + more_bytes(case)), memory.free(), "memory"
+    card = runtime.room() if need > devices.LEAST else None  # to ask takes as long as a small forecast
+    if card is not None and card < free:
+        free, whose = card, "the graphics card's memory"
+    if need > free:
+        raise UserError(
+            f"{case.path.name}: {case.particles:,} particles in one piece take {notation.size(need)}, and {notation.size(free)} "
+            f"of {whose} are free; take fewer, or leave it to drift run to move them in shards that fit"
+        )
+
+
+def worlds(case: Case, where: Environment) -> Worlds:
+    """Return the worlds of a spill, drawn from their prior."""
+    assert case.spill is not None
+    assert where.coast is not None  # environment.open_for
+    return drawn_worlds.draw(case.spill, case.seed, partial(shoreline.is_land, where.coast), members=len(where.members))
+
+
+def staged(
+    case: Case,
+    where: Environment,
+    shore: device_coast.DeviceCoast | None,
+    some: Ensemble,
+    dry: tuple[float, ...],
+) -> Setup:
+    """Return what a run goes through; some: its particles, or as many as tell how long steps may be."""
+    scene = scene_of(case, where, shore)
+    try:
+        anew = [contact.time for contact in case.contacts] if case.resampling.fills else []
+        clock, trial = step_size.clock_of(
+            case.period, clock_spec(case), case.errors, where.sources, some, scene, anew, is_told(case)
+        )
+    except BaseException:
+        scene.forcing.close()
+        raise
+    return Setup(spec=spec_of(case, where), dry=dry, scene=scene, clock=clock, trial=trial)
+
+
+def scene_of(case: Case, where: Environment, shore: device_coast.DeviceCoast | None) -> Scene:
+    """Return the scene of a case's run; close its forcing after it. shore: the coast on the device."""
+    sinks = case.spill is not None and any(kind.sinking for kind in case.spill.kinds)
+    beach, bias = _beach(case.coast), case.current_error.bias > 0
+    place = advance.Surroundings(
+        domain.binary(where.box), shore, beach, bias, sinks, scheme=case.scheme, polar=domain.is_polar(where.box)
+    )
+    steering = models.steering(case.scenarios, case.period, case.errors)
+    forcing = Forcing(list(where.scenarios), case.direction)
+    return Scene(forcing, models.motions(case.errors, case.scenarios), place, steering)
+
+
+@contextlib.contextmanager
+def closed_on_failure(setup: Setup) -> Iterator[None]:
+    """Close the forcing of a run where something goes wrong inside."""
+    try:
+        yield
+    except BaseException:
+        setup.scene.forcing.close()
+        raise
+
+
+def stretches(case: Case, where: Environment, drawn: Worlds | None) -> Segments | None:
+    """Return the stretches of coast by which a spill is reported; None without a spill.
+
+    drawn: its worlds. Raises UserError for finds and patrols that cannot be.
+    """
+    if not (case.spill and where.coast and drawn):
+        return None
+    return renewal.stretches(case.period, case.spill, where.coast, drawn)
+
+
+def renew(case: Case, where: Environment, before: Start, proposal: Proposal, number: int) -> Start:
+    """Return the start of the same spill in new worlds, drawn from a proposal; number: of the renewal, from 1."""
+    assert case.spill is not None
+    drawn, seed = renewed(case, where, proposal, number)
+    ensemble = release.draw(case.spill, drawn, case.period, case.errors, before.scene.place.coast, seed)
+    again = replace(before.scene, forcing=Forcing(list(where.scenarios), case.direction))
+    return replace(before, ensemble=ensemble, scene=again, worlds=drawn)
+
+
+def renewed(case: Case, where: Environment, proposal: Proposal, number: int) -> tuple[Worlds, int]:
+    """Return new worlds of a spill, drawn from a proposal, and the seed of their objects; number: of the renewal, from 1."""
+    assert case.spill is not None
+    assert where.coast is not None
+    seed = noise.seed_for(case.seed, Purpose.RENEWAL, number)
+    return drawn_worlds.draw(case.spill, seed, partial(shoreline.is_land, where.coast), proposal), seed
+
+
+def beliefs(case: Case, begin: Start) -> Beliefs | None:
+    """Return what takes down the posteriors of what is not position; None where nothing steers and nothing was seen."""
+    if not is_believed(case):
+        return None
+    first = Columns.held(begin.ensemble.blocks, {"log_weight": begin.ensemble.log_weight.to_numpy()})
+    return Beliefs(begin.spec, first, Particles(begin.spec, begin.ensemble, begin.scene.steering))
+
+
+def search(
+    case: Case,
+    begin: Start,
+    beliefs: Beliefs | None = None,
+    noted: Noted | None = None,
+    meeting: Meeting | None = None,
+    *,
+    resumed: bool = False,
+) -> Search | None:
+    """Return the filter by what a case says was searched and seen, or is to be told; None where that is nothing.
+
+    beliefs: takes down what is believed after each update. noted: is told of each too. meeting: with the other shards of
+    the run; None: this is all of it. resumed: see Search.
+    """
+    if not (is_searched(case) or case.sensors.lines):
+        return None
+    return Search(
+        begin.spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors,
+        noting(beliefs, noted), (case.plan.begin,) if case.units else (), meeting, resumed,
+    )  # fmt: skip
+
+
+def noting(beliefs: Beliefs | None, noted: Noted | None) -> Noted | None:
+    """Return what tells beliefs of each update, and then another."""
+    if beliefs is None:
+        return noted
+
+    def note(update: Update, columns: Columns) -> None:
+        beliefs.note(update.name, update.kind, update.time, columns.named("after", "log_weight"))
+        if noted is not None:
+            noted(update, columns)
+
+    return note
+
+
+def is_believed(case: Case) -> bool:
+    """Whether posteriors of what is not position are told of a case."""
+    steers = any(scenario.itinerary for scenario in case.scenarios)
+    return not case.spill and (steers or is_searched(case))
+
+
+def is_searched(case: Case) -> bool:
+    """Whether anything that was searched, seen or not seen weighs the particles of a case."""
+    overdue = any(s.itinerary and s.itinerary.overdue is not None for s in case.scenarios)
+    return bool(overdue or case.sorties or case.contacts or case.sensors.telling)
+
+
+def is_told(case: Case) -> bool:
+    """Whether anything is told of a case that takes all its particles at once, besides their places."""
+    return is_searched(case) or bool(case.sensors.lines) or is_believed(case) or is_standing(case)
+
+
+def is_standing(case: Case) -> bool:
+    """Whether it is told how a search stands by when objects went adrift."""
+    return not case.spill and bool(case.sorties or any(scenario.survival for scenario in case.scenarios))
+
+
+def check_end(case: Case, where: Environment, begin: Setup, snapshots: Spool, unsearched: Columns | None) -> None:
+    """Refuse a run that lost more than the case allows.
+
+    unsearched: log weights of that name, as if no sortie had been flown; None: those of the run.
+
+    What is lost is a matter of the motion: a good search that finds nothing leaves what it could not reach, and is not
+    to be refused for that.
+    """
+    unit = weights.unit(unsearched, "unsearched") if unsearched else None
+
+    def ends() -> Iterator[AtEnd]:
+        for part in snapshots.outputs[-1].parts():
+            place = part.blocks.places
+            if unsearched and unit:
+                first = int(place.min())
+                own = unsearched.read["unsearched"](first, int(place.max()) + 1)[place - first]
+                part = replace(part, probability=unit.shares(own))
+            yield AtEnd(part, *snapshots.at_end(("status_since",), place))
+
+    sums = [
+        end.snapshot.blocks.partial(end.snapshot.probability, code=end.snapshot.status, many=len(Status))
+        for end in ends()
+    ]
+    status = partials.merged(sums).total[:, 0]
+    lost.check_end(where, case.max_lost, begin.scene, begin.clock, status, ends)
+
+
+def _beach(coast: Coast) -> advance.Beach:
+    """Return what a coast does to a particle."""
+    return advance.Beach(coast.half_life / math.log(2), coast.offing, coast.behaviour == "slide")

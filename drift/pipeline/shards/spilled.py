@@ -1,0 +1,203 @@
+"""A spill's run cut into shards: ranges of whole blocks of its worlds, with all classes of objects.
+
+Each round, the worlds first drawn and those drawn anew after it, is moved shard by shard, and what it was like is kept
+beside the rounds before. What finds say of worlds is made of their fates, read from the files of the shards part by part, as
+from the file of a run in one piece.
+"""
+
+import contextlib
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from drift.case.record import Case
+from drift.engine.environment import lost
+from drift.engine.environment.environment import Environment
+from drift.engine.motion import simulate
+from drift.engine.motion.clock import Clock
+from drift.engine.motion.forcing import Forcing
+from drift.engine.motion.scene import Scene
+from drift.engine.motion.spool import Reel, Spool
+from drift.engine.motion.step_size import TRIAL_SIZE
+from drift.engine.particles import ensemble as record
+from drift.engine.particles.ensemble import Ensemble, Layout
+from drift.engine.particles.partials import WORLDS
+from drift.pipeline import run_setup
+from drift.pipeline.run_options import Job
+from drift.pipeline.run_setup import Setup
+from drift.pipeline.shards import cluster, fingerprint, shelf
+from drift.pipeline.shards.work import Work
+from drift.spills.worlds import release
+from drift.spills.worlds.records import Spill
+from drift.spills.worlds.renewal import Drifted
+from drift.spills.worlds.strandings import Landings
+from drift.spills.worlds.worlds import Worlds
+from geo.array import Array
+from geo.errors import UserError
+from kernels.step import coast as device_coast
+from kernels.step.coast import DeviceCoast
+
+BYTES_STAY = 16  # [bytes] a stay ashore in a shard's file
+BYTES_WEIGHED = 4  # [bytes] a particle, of its weight once all have been weighed
+DRY = "dry"  # note of a shard: objects of each class that found no water
+
+
+@dataclass(frozen=True)
+class Shards:
+    """A spill that is about to be moved shard by shard."""
+
+    setup: Setup
+    worlds: Worlds
+    spans: tuple[tuple[int, int], ...]  # of each shard, the number of its first world and of the one after its last
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A shard of a round: a drift.pipeline.shards.work.Task."""
+
+    case: Case
+    clock: Clock
+    layout: Layout
+    worlds: Worlds  # of the shard alone
+    seed: int
+    number: int
+
+    @property
+    def n(self) -> int:
+        """Number of particles."""
+        return self.layout.bounds[-1]
+
+    @property
+    def of(self) -> str:
+        """The worlds and the seed; finds decide on both in a renewal."""
+        return f"{self.worlds.digest} {self.seed}"
+
+    def draw(self, coast: DeviceCoast) -> tuple[Ensemble, Array]:
+        """Return the particles, and how many of each class found no water."""
+        case = self.case
+        assert case.spill is not None
+        return release.drawn(case.spill, self.worlds, case.period, case.errors, coast, self.seed, self.layout)
+
+    @property
+    def name(self) -> str:
+        """What its file is called."""
+        return f"shard-{self.number:05}"
+
+    def move(self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: Work) -> Reel:
+        """Return what the particles were like at all output times, and their stays ashore; tell: takes what is done."""
+        return kept.reel(self.name, self.n, partial(self._fill, scene, where, tell), self.of)
+
+    def _fill(self, scene: Scene, where: Environment, tell: simulate.Progress | None, reel: Reel) -> None:
+        case = self.case
+        if tell:
+            tell(0.0)
+        ensemble, dry = self.draw(scene.place.coast)
+        landings = Landings(ensemble, scene.place.beach.stay > 0)
+        with contextlib.closing(Forcing(list(where.scenarios), case.direction)) as forcing:
+            own, outputs = replace(scene, forcing=forcing), case.period.seconds(case.outputs)
+            moments = simulate.run(ensemble, own, self.clock, outputs, tell, landings.watch)
+            reel.record(case.period, moments)
+        reel.end_with(ensemble)
+        landings.note(reel)
+        reel.note(DRY, dry)
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """What moves the rounds of a spill, and keeps what they were like as long as its work is open."""
+
+    job: Job
+    run: Shards
+    kept: Work
+    mark: Mapping[str, str]  # the run's fingerprint
+
+    def moved(self, drawn: Worlds, seed: int, number: int) -> Drifted:
+        """Return the round of some worlds, moved shard by shard; number: of the round, from 0."""
+        job, kept, setup, many = self.job, self.kept, self.run.setup, len(self.run.spans)
+        units = _units(job.case, setup.clock, self.run.spans, drawn, seed, number * many)
+        if job.client is not None:
+            missing = [unit for unit in units if not kept.finished(unit.name, unit.of)]
+            cluster.moved(job.client, kept, self.mark, missing, partial(self._tell, many - len(missing)))
+        reels = [unit.move(setup.scene, job.where, partial(self._tell, done), kept) for done, unit in enumerate(units)]
+        spool = Spool([reels], worlds=True)
+        try:
+            release.check(_spill(job.case), np.sum([dry for _, dry in spool.noted(DRY)], axis=0))
+            run_setup.check_end(job.case, job.where, setup, spool, None)
+        except UserError:
+            kept.drop()  # the same command would only be refused again
+            raise
+        return Drifted(seed, spool, drawn)
+
+    def _tell(self, done: int, share: float) -> None:
+        """Tell how much of the round is done: so many shards, and a share of another (or of more, from 1 on)."""
+        self.job.tell("drift", min((done + share) / len(self.run.spans), 1.0))
+
+
+@contextlib.contextmanager
+def opened(job: Job, run: Shards) -> Iterator[Rounds]:
+    """Give what moves the rounds of a spill."""
+    need = shelf.need(job.case, job.case.particles) + (BYTES_STAY + BYTES_WEIGHED) * job.case.particles
+    slices, mark = shelf.slices(job.case, run.setup.scene), fingerprint.of(job.case, job.where, len(run.spans))
+    with (
+        shelf.opened(job.out, mark, need, slices) as kept,
+        shelf.stored(job.where, kept),
+    ):
+        yield Rounds(job, run, kept, mark)
+
+
+def prepare(case: Case, where: Environment, many: int) -> Shards:
+    """Return a spill's run, cut into some shards; close `setup.scene.forcing` after it.
+
+    Raises UserError as drift.pipeline.run_setup.prepare does.
+    """
+    spill, drawn = _spill(case), run_setup.worlds(case, where)
+    blocks = -(-spill.worlds // WORLDS)
+    cuts = np.unique(np.rint(np.linspace(0, blocks, many + 1)).astype(int))
+    edges = np.minimum(cuts * WORLDS, spill.worlds).tolist()
+    spans = tuple(itertools.pairwise(edges))
+    coast = device_coast.upload(where.coast)
+    units = _units(case, Clock(0, 0, case.direction, 1, 0), spans, drawn, case.seed, 0)
+    setup = run_setup.staged(case, where, coast, _sample(spill, units, coast), (0.0,) * len(case.scenarios))
+    with run_setup.closed_on_failure(setup):
+        lacks = [lost.lacking(where.box, unit.draw(coast)[0], setup.scene, setup.clock) for unit in units]
+        lost.check_prior(setup.spec, where, case.max_lost, setup.scene, lost.merged(lacks))
+    return Shards(setup, drawn, spans)
+
+
+def _spill(case: Case) -> Spill:
+    assert case.spill is not None
+    return case.spill
+
+
+def _units(
+    case: Case, clock: Clock, spans: tuple[tuple[int, int], ...], drawn: Worlds, seed: int, first: int
+) -> list[Unit]:
+    """Return the shards of some worlds; first: number of the first of them."""
+    return [
+        Unit(case, clock, release.layout(_spill(case), *span), drawn.some(*span), seed, number)
+        for number, span in enumerate(spans, first)
+    ]
+
+
+def _sample(spill: Spill, units: list[Unit], coast: DeviceCoast) -> Ensemble:
+    """Return the particles by which the step of a run is chosen, evenly spread over it.
+
+    Raises UserError when objects find no water.
+    """
+    n = release.layout(spill).bounds[-1]
+    chosen = np.unique(np.linspace(0, n - 1, min(TRIAL_SIZE, n)).astype(np.int64))
+    parts: list[list[Ensemble]] = [[] for _ in spill.kinds]  # of each class, shard after shard
+    dry = np.zeros(len(spill.kinds), np.int64)
+    for unit in units:
+        ensemble, failed = unit.draw(coast)
+        dry += failed
+        for own, slots in zip(parts, ensemble.slots, strict=True):
+            here = chosen - slots.number + slots.first
+            here = here[(here >= slots.first) & (here < slots.last)]
+            if here.size:
+                own.append(record.sample(ensemble, here))
+    release.check(spill, dry)
+    return record.joined([part for own in parts for part in own])

@@ -1,0 +1,153 @@
+"""The unit of work of a run in shards: one stretch of a shard."""
+
+import contextlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drift.case.record import Case
+from drift.engine.environment.environment import Environment
+from drift.engine.motion import prior, simulate
+from drift.engine.motion.clock import Clock
+from drift.engine.motion.forcing import Forcing
+from drift.engine.motion.scene import Scene
+from drift.engine.motion.spool import Reel
+from drift.engine.particles.ensemble import Layout
+from drift.evidence.filter.debris.guide import Guide
+from drift.evidence.filter.filter import Search
+from drift.evidence.filter.meeting import Drawn
+from drift.evidence.posterior.source import Particles
+from drift.pipeline import run_setup
+from drift.pipeline.run_setup import Start
+from drift.pipeline.shards import stretch
+from drift.pipeline.shards.stretch import Stop, Stretch
+from drift.pipeline.shards.work import Work
+from geo.array import Array
+
+
+@dataclass(frozen=True)
+class From:
+    """Where a shard finds the state with which it goes on."""
+
+    time: int  # [s after start]
+    states: tuple[
+        tuple[str, int, int], ...
+    ]  # of all shards before: their files, first slots, and those after their last
+    drawn: str = ""  # file of the particles drawn anew since; "": they are themselves
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A stretch of a shard of a case's run."""
+
+    case: Case
+    clock: Clock
+    layout: Layout
+    number: int  # of the shard
+    first: int  # its first slot in the whole run
+    stretch: int = 0
+    since: From | None = None  # None: the run's start
+    known: Mapping[int, float] | None = None  # log mean likelihoods of doubtful contacts, by their numbers
+    guide: Guide | None = None  # how its particles are guided toward finds of debris
+    of: str = ""  # nothing besides the fingerprint of the run
+
+    @property
+    def n(self) -> int:
+        """Number of particles."""
+        return self.layout.bounds[-1]
+
+    @property
+    def name(self) -> str:
+        """What its file is called."""
+        return f"shard-{self.number:05}-{self.stretch:03}"
+
+    @property
+    def state(self) -> str:
+        """What the file of its state at the end is called."""
+        return state_of(self.number, self.stretch)
+
+    def move(self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: Work) -> Reel:
+        """Return what the particles are like at the output times of the stretch, and what took effect; tell: takes what is done."""
+
+        def fill(reel: Reel) -> None:
+            with kept.also(self.state, self.n) as state:
+                self._fill(scene, where, tell, kept, reel, state)
+
+        return kept.reel(self.name, self.n, fill)
+
+    def _fill(
+        self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: Work, reel: Reel, state: Reel
+    ) -> None:
+        case, spec = self.case, run_setup.spec_of(self.case, where)
+        if tell:
+            tell(0.0)
+        with contextlib.closing(Forcing(list(where.scenarios), case.direction)) as forcing:
+            own = replace(scene, forcing=forcing)
+            if self.since is None:
+                ensemble = prior.draw(spec, scene.place.coast, self.layout).ensemble
+            else:
+                if self.guide is not None:
+                    spec, own = self.guide.spec(spec), self.guide.scene(own)
+                ensemble = prior.empty(spec, self.layout)
+            begin = Start(
+                spec=spec, dry=(), scene=own, clock=self.clock, trial=None, guide=self.guide, ensemble=ensemble
+            )
+            if self.since is None:
+                begin = run_setup.guided(case, where, begin)
+            spec, own, ensemble = begin.spec, begin.scene, begin.ensemble
+            read = Particles(spec, ensemble, own.steering) if run_setup.is_believed(case) else None
+            time = None if self.since is None else self.since.time
+            told = Stretch(reel, state, stretch.contacts_of(spec, case.contacts), self.known or {}, time, read)
+            if self.since is None and self.stretch == 0 and run_setup.is_told(case):
+                told.drawn(ensemble.log_weight.to_numpy(), ensemble.release.to_numpy())
+            search = told.search = run_setup.search(case, begin, meeting=told, resumed=time is not None)
+            if search is not None and self.since is not None:
+                restore(search, kept, self.since, self.first)
+            outputs = case.period.seconds(case.outputs)
+            moments = simulate.run(ensemble, own, self.clock, outputs, tell, search=search, since=time)
+            with contextlib.suppress(Stop):
+                reel.record(case.period, moments)
+                reel.end_with(ensemble)
+                told.over()
+            told.search = None  # they know of each other: the memory of both would wait for the garbage collector
+
+
+def state_of(number: int, stretch: int) -> str:
+    """Return what the file of a shard's state at the end of a stretch is called."""
+    return f"state-{number:05}-{stretch:03}"
+
+
+def restore(search: Search, kept: Work, since: From, first: int) -> None:
+    """Give a search that has just been made the state with which it goes on; first: slot of its first particle in the run."""
+    n, slots = search.ensemble.n, np.arange(first, first + search.ensemble.n)
+    drawn = kept.read(since.drawn) if since.drawn else None
+    if drawn is not None:
+        slots = drawn.noted("ancestors", first, first + n)
+    least, most = slots.min(), slots.max()
+    states = [(kept.read(name), a, b) for name, a, b in since.states if a <= most and least < b]
+    begun = states[0][0]
+    for name in begun.notes:
+        if not name.startswith("marker "):
+            search.column(name).from_numpy(_gathered(name, states, slots))
+    for number, marker in enumerate(search.markers):
+        marker.go_on(begun.noted(f"marker {number}").reshape(-1, 3))
+    search.resume(since.time)
+    if drawn is not None:
+        log_weight, spare = (drawn.noted(name, first, first + n) for name in ("log_weight", "spare"))
+        search.begin_anew(Drawn(slots, log_weight, spare, search.ensemble.layout), since.time)
+
+
+def _gathered(name: str, states: Sequence[tuple[Reel, int, int]], slots: Array) -> Array:
+    """Return a column of some slots (n,) of the run, from the states of the shards that hold them."""
+    kind, size = states[0][0].notes[name][1:]
+    values = np.empty((size // (states[0][2] - states[0][1]), slots.size), kind)
+    for reel, first, last in states:
+        which = np.flatnonzero((first <= slots) & (slots < last))
+        if which.size:
+            own = slots[which] - first
+            least, most = int(own.min()), int(own.max()) + 1
+            for k, row in enumerate(values):
+                begin = k * (last - first)
+                row[which] = reel.noted(name, begin + least, begin + most)[own - least]
+    return values.ravel()

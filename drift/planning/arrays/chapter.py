@@ -1,0 +1,61 @@
+"""What a plan of towed arrays hands out: its text, [[sortie]] tables for the case, its figures and its picture."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from drift.evidence.filter.updates import Updates
+from drift.forecast.build import Forecast
+from drift.planning.arrays import placement_text
+from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.maps.imprint import Setting
+from drift.products.report import leaves
+from drift.products.report.leaves import Leaf
+
+
+@dataclass(frozen=True)
+class Matter:
+    """What the files and the picture are made from."""
+
+    plan: Any  # a drift.planning.arrays.planner.ArrayPlan
+    forecast: Forecast  # of its hearing nothing
+    updates: Updates | None
+    setting: Setting
+    taken: Sequence[str]  # names of the sorties that the case has
+
+
+def _picture(matter: Matter, path: Path) -> None:
+    from drift.evidence.filter.products import map as search_map
+    from drift.planning.arrays import layers  # here: Matplotlib takes a second to import
+
+    assert matter.updates is not None
+    own = layers.plan(matter.plan.placement.placed, matter.plan.sorties)
+    setting = replace(matter.setting, overlays=(*matter.setting.overlays, lambda time: own))
+    sorties = sorted(matter.plan.sorties, key=lambda sortie: (sortie.start, sortie.end))
+    search_map.draw(matter.forecast, sorties, (), matter.updates, path, setting, page=1)
+
+
+FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+    "arrays.txt": lambda matter, stamped: placement_text.text(
+        matter.plan, matter.setting.imprint.title, stamped["run_id"]
+    ),
+    "arrays.toml": lambda matter, stamped: placement_text.toml(matter.plan, matter.taken),
+    "arrays.json": lambda matter, stamped: {"run_id": stamped["run_id"], **placement_text.numbers(matter.plan)},
+}
+PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+    "arrays.png": _picture,
+}
+
+
+def chapter(matter: Matter) -> Chapter:
+    """Return the chapter of a plan of towed arrays."""
+    return Chapter(
+        {"arrays": placement_text.numbers(matter.plan)}, bound(FILES, matter), bound(PICTURES, matter),
+        leaves=(partial(_leaves, matter),),
+    )  # fmt: skip
+
+
+def _leaves(matter: Matter) -> list[Leaf]:
+    return [leaves.text("Towed arrays", file="arrays.txt")]

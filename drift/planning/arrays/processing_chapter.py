@@ -1,0 +1,66 @@
+"""What a plan of processing hands out: its table for people and for programs, its figures and its timeline."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from drift.planning.arrays import processing_text
+from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.maps.imprint import Setting
+from drift.products.report import leaves
+from drift.products.report.leaves import Leaf
+
+
+@dataclass(frozen=True)
+class Matter:
+    """What the files and the picture are made from."""
+
+    plan: Any  # a drift.planning.arrays.processing_plan.ProcessingPlan
+    setting: Setting
+
+
+def _text(matter: Matter, stamped: Stamped) -> str:
+    plan = matter.plan
+    title, run = matter.setting.imprint.title, stamped["run_id"]
+    return processing_text.text(plan.allocation, plan.hearing, plan.names, title, run, processing_text.notes(plan))
+
+
+def _csv(matter: Matter, stamped: Stamped) -> str:
+    plan = matter.plan
+    return processing_text.csv(plan.allocation, plan.hearing, plan.names, stamped["run_id"])
+
+
+def _picture(matter: Matter, path: Path) -> None:
+    from drift.planning.arrays import map as processing_map  # here: Matplotlib takes a second to import
+
+    plan = matter.plan
+    lines = processing_text.pod(plan), processing_text.begun_anew(plan)
+    processing_map.draw(plan.allocation, plan.hearing, plan.names, path, matter.setting.imprint, lines)
+
+
+FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+    "processing.txt": _text,
+    "processing.csv": _csv,
+    "processing.json": lambda matter, stamped: {
+        "run_id": stamped["run_id"],
+        **processing_text.plan_numbers(matter.plan),
+    },
+}
+PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+    "processing.png": _picture,
+}
+
+
+def chapter(matter: Matter) -> Chapter:
+    """Return the chapter of a plan of processing."""
+    numbers = processing_text.plan_numbers(matter.plan)
+    return Chapter(
+        {"processing": {key: value for key, value in numbers.items() if key != "slots"}}, bound(FILES, matter),
+        bound(PICTURES, matter), leaves=(partial(_leaves, matter),),
+    )  # fmt: skip
+
+
+def _leaves(matter: Matter) -> list[Leaf]:
+    return [leaves.text("Processing", file="processing.txt")]

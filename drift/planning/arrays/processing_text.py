@@ -1,0 +1,199 @@
+"""An allocation of processing as a table for people, and as rows for programs.
+
+Plain ASCII of at most 78 columns but for names, as plans are: it goes by mail, telex or radio.
+"""
+
+import math
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from drift.planning.arrays.records import Allocation, Hearing, Names
+from drift.products.files import formats
+from geo import notation
+
+WIDE = 78
+HEADER = ("date_time_group", "time", "end", "processor", "array", "beam", "gain", "heard", "run_id")
+SHOWN = 8  # slots that a terminal is told
+BEST_LEFT = 3  # beams that are not processed, of which it is told what they would add
+
+
+def text(
+    allocation: Allocation, hearing: Hearing, names: Names, title: str, run: str, notes: Sequence[str] = ()
+) -> str:
+    """Return the table: what it is worth, and slot by slot what each processor works on.
+
+    notes: the first two stand above all that it is worth, the others at the end.
+    """
+    lines = ["PROCESSING", *_fill(title), f"Run {run}. Times are UTC.", "", "1  WORTH"]
+    lines += [*(line for note in notes[:2] for line in _fill(note, 3)), *_fill(worth(allocation), 3)]
+    for other in sorted(allocation.alternatives, key=lambda other: -other.value):
+        share = share_of(other.value, allocation)
+        lines += _fill(f"{other.name}: {share:.3f}, {_less(allocation, other.value)}", 3, 6)
+    lines += ["", "2  SLOTS", *_fill("Gain: the chance of being heard that would be lost without the beam.", 3)]
+    last: tuple[int, ...] | None = None
+    for slot, row in enumerate(allocation.processing.tolist()):
+        now = share_of(float(allocation.by_slot[slot]), allocation)
+        lines += ["", f"   {names.begins(slot)}  heard by its end: {now:.3f}"]
+        for processor, beam in enumerate(row):
+            works = bool(hearing.manned[slot, processor])
+            change = "  NEW" if last is not None and beam >= 0 and last[processor] != beam else ""
+            gain = share_of(float(allocation.gain[slot, beam]), allocation) if beam >= 0 else 0.0
+            what = f"{called(beam, hearing, names)}, gain {gain:.4f}{change}" if beam >= 0 else _idle(works)
+            lines += _fill(f"{names.processors[processor]}: {what}", 6, 10)
+        last = tuple(row)
+    lines += [
+        "",
+        "3  NOT PROCESSED",
+        *_fill(f"What would add most on top of all this: {_left(allocation, hearing, names)}.", 3),
+    ]
+    if notes[2:]:
+        lines += ["", "4  NOTES", *(line for note in notes[2:] for line in _fill(note, 3))]
+    return "\n".join(lines) + "\n"
+
+
+def worth(allocation: Allocation) -> str:
+    """Return in a line what an allocation is worth, and what none could exceed."""
+    value = f"Heard at least once: {share_of(allocation.heard, allocation):.3f}"
+    cost = allocation.heard - allocation.value
+    if cost > 0:
+        value += f", {share_of(allocation.value, allocation):.3f} less what the beams cost"
+    if allocation.exact:
+        return f"{value}; no choice of beams is worth more (proved)"
+    return f"{value}; no choice of beams is worth more than {_up(share_of(allocation.bound, allocation)):.3f}"
+
+
+def csv(allocation: Allocation, hearing: Hearing, names: Names, run: str) -> str:
+    """Return a row for each beam that is processed, by slot and processor; gain and heard are shares of the weight."""
+    rows: list[list[Any]] = []
+    for slot, row in enumerate(allocation.processing.tolist()):
+        edges = [notation.iso(edge) for edge in names.edges[slot : slot + 2]]
+        heard = share_of(float(allocation.by_slot[slot]), allocation)
+        for processor, beam in enumerate(row):
+            if beam >= 0:
+                gain = share_of(float(allocation.gain[slot, beam]), allocation)
+                what = [names.processors[processor], names.arrays[hearing.array[beam]], names.beams[beam]]
+                rows.append([names.begins(slot), *edges, *what, f"{gain:.6g}", f"{heard:.6g}", run])
+    return formats.csv_text(list(HEADER), rows)
+
+
+def numbers(allocation: Allocation, hearing: Hearing, names: Names) -> dict[str, Any]:
+    """Return what a summary holds of an allocation; all are shares of the weight."""
+    return {
+        "heard": share_of(allocation.heard, allocation),
+        "value": share_of(allocation.value, allocation),
+        "bound": share_of(allocation.bound, allocation),
+        "exact": allocation.exact,
+        "alternatives": {other.name: share_of(other.value, allocation) for other in allocation.alternatives},
+        "slots": [
+            {
+                "time": names.edges[slot],
+                "heard": share_of(float(allocation.by_slot[slot]), allocation),
+                "beams": {
+                    names.processors[processor]: called(beam, hearing, names)
+                    for processor, beam in enumerate(row)
+                    if beam >= 0
+                },
+            }
+            for slot, row in enumerate(allocation.processing.tolist())
+        ],
+    }
+
+
+def pod(plan: Any) -> str:
+    """Return in a line what a plan is worth as a run would reckon it; plan: a drift.planning.arrays.processing_plan.ProcessingPlan."""
+    return (
+        f"POD {notation.percent(plan.pod)} +- {notation.percent(plan.standard_error)} on the {plan.particles:,} tracks of the plan, fluctuations carried from "
+        "slot to slot"
+    )
+
+
+def begun_anew(plan: Any) -> str:
+    """Return in a line what a plan is worth if every slot is begun anew, and the bound of that."""
+    return f"Each slot begun anew, h{worth(plan.allocation)[1:]}"
+
+
+def notes(plan: Any) -> list[str]:
+    """Return what must be known to read a plan, its POD first."""
+    return [
+        f"{pod(plan)}.",
+        f"What follows is of the {plan.made_on:,} of these tracks on which beams were chosen, each slot begun anew.",
+        "Each slot begun anew: as if nobody had listened before. So gains, what is heard by a slot's end, the bound and the "
+        "alternatives are too high where levels fluctuate more slowly than slots follow one another; POD is not. Beams of an array "
+        "share its fluctuation, and of those processed in a slot the best counts; arrays miss apart.",
+        "POD: that the target is heard at least once, on tracks drawn for planning, given all that the case knows. Beams were chosen on "
+        "these, or some of them; it is not of the particles of the forecast beside it.",
+        "Beams: R is relative to the array's heading, T true. A line cannot tell port from starboard: its beam hears both "
+        "sides.",
+        "An unknown that a group of sensors shares is drawn once for each track.",
+    ]
+
+
+def plan_numbers(plan: Any) -> dict[str, Any]:
+    """Return a plan for programs."""
+    return {
+        "pod": plan.pod,
+        "pod_standard_error": plan.standard_error,
+        "pod_particles": plan.particles,
+        "made_on_particles": plan.made_on,
+        **numbers(plan.allocation, plan.hearing, plan.names),
+    }
+
+
+def facts(plan: Any) -> dict[str, str]:
+    """Return a plan in a few lines for a terminal."""
+    allocation, hearing, names = plan.allocation, plan.hearing, plan.names
+    told = {"plan": pod(plan), "chosen": begun_anew(plan)}
+    for slot, row in enumerate(allocation.processing[:SHOWN].tolist()):
+        words = [f"{names.processors[k]} {called(beam, hearing, names)}" for k, beam in enumerate(row) if beam >= 0]
+        told[names.begins(slot)] = "; ".join(words) or "no beam"
+    if hearing.slots > SHOWN:
+        told["later"] = f"{hearing.slots - SHOWN} more slots"
+    for other in sorted(allocation.alternatives, key=lambda other: -other.value):
+        told[f"else, {other.name}"] = f"{share_of(other.value, allocation):.3f}, {_less(allocation, other.value)}"
+    return told
+
+
+def called(beam: int, hearing: Hearing, names: Names) -> str:
+    """Return what a beam is called, with its array."""
+    return f"{names.arrays[hearing.array[beam]]} {names.beams[beam]}"
+
+
+def share_of(value: float, allocation: Allocation) -> float:
+    """Return a weight as a share of all."""
+    return value / allocation.weight
+
+
+def _less(allocation: Allocation, value: float) -> str:
+    difference = (allocation.value - value) / allocation.weight
+    return "as much" if abs(difference) < 5e-4 else f"{abs(difference):.3f} {'less' if difference > 0 else 'more'}"
+
+
+def _idle(works: bool) -> str:
+    return "idle: no beam adds anything" if works else "off"
+
+
+def _left(allocation: Allocation, hearing: Hearing, names: Names) -> str:
+    """Return the beams that would add most if there were one more processor."""
+    gain = np.nan_to_num(allocation.gain - hearing.cost, nan=-1.0)
+    for slot, beams in enumerate(allocation.chosen):
+        gain[slot, list(beams)] = -1
+    found = []
+    for k in np.argsort(-gain, axis=None, kind="stable")[:BEST_LEFT].tolist():
+        slot, beam = divmod(k, hearing.beams)
+        if gain[slot, beam] > 0:
+            share = share_of(float(gain[slot, beam]), allocation)
+            found.append(f"{called(beam, hearing, names)} at {names.begins(slot)} ({share:.4f})")
+    return "; ".join(found) or "no beam"
+
+
+def _up(share: float) -> float:
+    """Return a bound to three digits, not rounded down."""
+    return min(math.ceil(share * 1000 - 1e-9) / 1000, 1.0)
+
+
+def _fill(words: str, indent: int = 0, hang: int | None = None) -> list[str]:
+    rest = " " * (indent if hang is None else hang)
+    return textwrap.wrap(words, WIDE, initial_indent=" " * indent, subsequent_indent=rest, break_long_words=False)

@@ -1,0 +1,188 @@
+"""Ways on which a ship may tow its array: one leg or two, from a place where it may begin."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from drift.evidence.filter.detection import sensor_path
+from drift.evidence.sensors.records import Tow
+from geo import notation, sphere
+from geo.array import Array
+from geo.box import Box
+from geo.polyline import Area, Legs
+
+LEAST_TIME = 1800.0  # [s] of listening, without which a way is none
+
+
+@dataclass(frozen=True)
+class Ways:
+    """Candidates (c)."""
+
+    lon: Array  # [rad] where it begins
+    lat: Array
+    course: Array  # [rad] true, at the begin of the first leg
+    second: Array  # [rad] at the begin of the second
+    turn: Array  # share of the way after which it turns; 1: one leg
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self.lon)
+
+    def take(self, which: Array) -> "Ways":
+        """Return some of them."""
+        return Ways(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
+
+
+def joined(some: list[Ways]) -> Ways:
+    """Return all of them."""
+    return Ways(*(np.concatenate([getattr(ways, name) for ways in some]) for name in Ways.__dataclass_fields__))
+
+
+@dataclass(frozen=True, eq=False)
+class Sea:
+    """Where and when a ship may tow."""
+
+    tow: Tow
+    begin: float  # [s since 1970] of the plan
+    until: float
+    begins: "Region"
+    allowed: "Region | None"
+    land: shapely.Geometry | None = None  # [m] in the plane of `begins`
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """The middle [rad] of where it may begin."""
+        return self.begins.lon, self.begins.lat
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """An area on the plane about its middle, in which distances and bearings from there are true."""
+
+    lon: float  # [rad]
+    lat: float
+    shape: shapely.Geometry  # [m] east and north
+
+    def holds(self, lon: Array, lat: Array) -> NDArray[np.bool_]:
+        """Return which positions [rad] lie in it, any shape."""
+        return np.asarray(shapely.contains_xy(self.shape, *sphere.offset(self.lon, self.lat, lon, lat)))
+
+
+def region(area: Area, about: tuple[float, float] | None = None) -> Region:
+    """Return an area on a plane; about: the middle of another [rad]."""
+    lon, lat, _ = sensor_path.ring(area)
+    at = about or (math.radians(lon), math.radians(lat))
+    corners = np.radians(np.array(area.ring))
+    x, y = sphere.track(corners[:, 0], corners[:, 1], sensor_path.EDGE)
+    shape = shapely.Polygon(np.column_stack(sphere.offset(*at, x, y)))
+    shapely.prepare(shape)
+    return Region(*at, shape)
+
+
+def sea(tow: Tow, begin: float, until: float) -> Sea:
+    """Return where and when a ship may tow between two times [s since 1970]."""
+    allowed = region(tow.allowed) if tow.allowed is not None else None
+    return Sea(tow, max(begin, float(notation.epoch(tow.ready))), until, region(tow.begin), allowed)
+
+
+def ashore(sea: Sea, lands: Callable[[Box], Any]) -> Sea:
+    """Return where and when a ship may tow off a coast; lands: gives its polygons [deg] in a box."""
+    reach = sea.tow.speed * min(max(sea.until - sea.begin, 0.0), sea.tow.endurance)
+    west, south, east, north = sea.begins.shape.bounds
+    x, y = (np.array([low - reach, 0.5 * (low + high), high + reach]) for low, high in ((west, east), (south, north)))
+    lon, lat = (v.ravel() for v in sphere.destination(*sea.middle, *np.meshgrid(x, y)))
+    centre = math.degrees(sea.middle[0])
+    off = np.degrees(sphere.wrap(lon - sea.middle[0]))
+    box = Box(
+        centre + float(off.min()), float(np.degrees(lat.min())), centre + float(off.max()), float(np.degrees(lat.max()))
+    )
+    flat = [
+        shapely.transform(polygon, lambda xy: np.column_stack(sphere.offset(*sea.middle, *np.radians(xy).T)))
+        for polygon in lands(box)
+    ]
+    if not flat:
+        return sea
+    land = shapely.union_all([shapely.make_valid(polygon) for polygon in flat])
+    shapely.prepare(land)
+    return replace(sea, land=land)
+
+
+def on_course(tow: Tow, course: Array) -> NDArray[np.bool_]:
+    """Return which courses [rad] a ship may steer."""
+    if tow.courses is None:
+        return np.ones(np.shape(course), bool)
+    low, high = tow.courses
+    return np.asarray(np.mod(course - low, 2 * math.pi) <= np.mod(high - low, 2 * math.pi) + 1e-9)
+
+
+def span(sea: Sea, ways: Ways) -> tuple[Array, Array]:
+    """Return from when to when [s since 1970] each way is listened on (c,)."""
+    begin = np.full(len(ways), sea.begin)
+    if sea.tow.base is not None:
+        far = sphere.distance(math.radians(sea.tow.base[0]), math.radians(sea.tow.base[1]), ways.lon, ways.lat)
+        begin = begin + far / sea.tow.transit_speed
+    return begin, np.minimum(begin + sea.tow.endurance, sea.until)
+
+
+def at(sea: Sea, ways: Ways, time: Array) -> tuple[Array, Array]:
+    """Return where each is (c, e) [rad] at times [s since 1970] (e,); before its begin there, after its end where it ended."""
+    begin, end = span(sea, ways)
+    whole = np.maximum(end - begin, 0.0) * sea.tow.speed
+    gone = np.clip(time - begin[:, None], 0.0, np.maximum(end - begin, 0.0)[:, None]) * sea.tow.speed
+    first = np.minimum(gone, (ways.turn * whole)[:, None])
+    lon, lat = _from(ways.lon[:, None], ways.lat[:, None], ways.course[:, None], first)
+    corner = _from(ways.lon, ways.lat, ways.course, ways.turn * whole)
+    after = _from(corner[0][:, None], corner[1][:, None], ways.second[:, None], gone - first)
+    beyond = gone > first
+    return np.where(beyond, after[0], lon), np.where(beyond, after[1], lat)
+
+
+def _from(lon: Array, lat: Array, course: Array, distance: Array) -> tuple[Array, Array]:
+    return sphere.destination(lon, lat, distance * np.sin(course), distance * np.cos(course))
+
+
+def possible(sea: Sea, ways: Ways, time: Array) -> NDArray[np.bool_]:
+    """Return which ways keep to all that is asked of them (c,); time: at which they are looked at [s since 1970]."""
+    tow = sea.tow
+    begin, end = span(sea, ways)
+    good = sea.begins.holds(ways.lon, ways.lat) & on_course(tow, ways.course) & (end - begin >= LEAST_TIME)
+    good &= (ways.turn >= 1) | on_course(tow, ways.second)
+    if sea.allowed is None and sea.land is None:
+        return good
+    which = np.flatnonzero(good)
+    some = ways.take(which)
+    lon, lat = at(sea, some, time)
+    if sea.allowed is not None:
+        good[which] &= sea.allowed.holds(lon, lat).all(axis=1)
+    if sea.land is not None and which.size:
+        x, y = sphere.offset(*sea.middle, *at(sea, some, _corners(sea, some, time)))
+        lines = shapely.linestrings(np.stack([x, y], axis=2))
+        good[which] &= ~shapely.intersects(sea.land, lines)
+    return good
+
+
+def _corners(sea: Sea, ways: Ways, time: Array) -> Array:
+    return np.linspace(time[0], time[-1], 25)
+
+
+def legs(sea: Sea, ways: Ways, number: int) -> Legs:
+    """Return one of them as it is to be sailed: its begin, its turn and its end."""
+    one = ways.take(np.array([number]))
+    begin, end = (float(x[0]) for x in span(sea, one))
+    turn = begin + float(one.turn[0]) * (end - begin)
+    moments = [math.ceil(begin)] + ([turn] if one.turn[0] < 1 else []) + [math.floor(end)]
+    lon, lat = (np.degrees(x[0]) for x in at(sea, one, np.array(moments)))
+    turned = np.degrees(np.unwrap(np.radians(lon)))
+    return Legs(
+        tuple(float(t) for t in moments), tuple(turned.tolist()), tuple(lat.tolist()), (True,) * (len(moments) - 1)
+    )
+
+
+def straight(ways: Ways) -> Ways:
+    """Return them with one leg each."""
+    return replace(ways, second=ways.course, turn=np.ones(len(ways)))

@@ -1,0 +1,68 @@
+"""What a plan of patrols hands out: the schedule, a table, [[patrol]] tables and its picture."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from drift.planning.patrols import files as patrol_files
+from drift.planning.patrols import planner as patrol_planner
+from drift.planning.patrols import report
+from drift.planning.patrols.planner import PatrolPlan
+from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.maps.imprint import Setting
+from drift.spills.worlds import renewal
+from drift.spills.worlds.products import chapter as spill_chapter
+from drift.spills.worlds.renewal import Aftermath
+
+
+@dataclass(frozen=True)
+class Matter:
+    """What the files and pictures are made from."""
+
+    plan: PatrolPlan
+    after: Aftermath
+    setting: Setting
+    synthetic: bool  # winds or currents are made up
+
+
+def _picture(matter: Matter, path: Path) -> None:
+    from drift.spills.worlds.products import map as washup_map  # here: Matplotlib takes a second to import
+
+    after, setting = matter.after, matter.setting
+    planned = [
+        washup_map.Patrolled(slot.team.name, slot.when, slot.team.detection, [visit.segment for visit in visits])
+        for slot, visits in patrol_planner.by_patrol(matter.plan)
+    ]
+    imprint = replace(setting.imprint, title=f"Planned patrols: {setting.imprint.title}")
+    warnings = [*renewal.warnings(after), *matter.plan.notes, *patrol_files.too_long(matter.plan, after, most=0)]
+    washup_map.draw(
+        after.washup, after.segments, path, replace(setting, imprint=imprint), finds=spill_chapter.finds(after),
+        patrols=washup_map.Patrols(planned, "planned patrol", near=True), warning="; ".join(warnings),
+    )  # fmt: skip
+
+
+FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+    "patrols.txt": lambda matter, stamped: patrol_files.text(
+        matter.plan, matter.after, matter.setting.imprint.title, stamped["run_id"], matter.synthetic
+    ),
+    "patrols.csv": lambda matter, stamped: patrol_files.csv(matter.plan, matter.after, stamped["run_id"]),
+    "patrols.geojson": lambda matter, stamped: patrol_files.lines(matter.plan, matter.after, stamped),
+    "patrols.toml": lambda matter, stamped: patrol_files.toml(matter.plan, matter.after),
+}
+# Where teams leave out what is longer than their day.
+LEFT_OUT_FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+    "patrols_left_out.csv": lambda matter, stamped: patrol_files.left_out(matter.plan, matter.after, stamped["run_id"]),
+}
+PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+    "patrols.png": _picture,
+}
+
+
+def chapter(matter: Matter) -> Chapter:
+    """Return the chapter of a plan of patrols."""
+    numbers = {"patrol_plan": patrol_files.numbers(matter.plan)}
+    files = bound(FILES, matter) | (bound(LEFT_OUT_FILES, matter) if matter.plan.left_out else {})
+    warnings = (*matter.plan.notes, *patrol_files.too_long(matter.plan, matter.after))
+    leaves = (partial(report.of, matter.plan),)
+    return Chapter(numbers, files, bound(PICTURES, matter), warnings=warnings, leaves=leaves)

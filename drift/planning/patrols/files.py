@@ -1,0 +1,255 @@
+"""A plan of patrols as text: a schedule for people, a table, and [[patrol]] tables for the case.
+
+The [[patrol]] tables are to be appended to the case once the patrols have been made.
+"""
+
+import json
+import math
+import textwrap
+from collections.abc import Mapping
+from typing import Any
+
+from drift.forecast import effective
+from drift.planning.patrols import planner as patrol_planner
+from drift.planning.patrols.planner import PatrolPlan, Slot, Visit
+from drift.products.files import formats, geojson
+from drift.spills.worlds.products import tables as washup_tables
+from drift.spills.worlds.renewal import Aftermath
+from geo import notation
+
+WIDE = 78
+HEADER = (
+    "date_time_group", "time", "patrol_unit", "segment", "stretch_id", "stretch", "position", "access",
+    "length_km", "lying", "found", "found_se", "effective_worlds", "run_id",
+)  # fmt: skip
+
+
+LEFT_OUT = (
+    "patrol_unit",
+    "day_km",
+    "segment",
+    "stretch_id",
+    "stretch",
+    "position",
+    "access",
+    "length_km",
+    "lying",
+    "effective_worlds",
+    "run_id",
+)
+LONGEST = 4  # stretches that a warning names
+
+
+def text(plan: PatrolPlan, after: Aftermath, title: str, run: str, synthetic: bool) -> str:
+    """Return the schedule; it is plain ASCII but for names."""
+    lines = ["PATROL PLAN", *_fill(title), f"Run {run}. Times are UTC.", ""]
+    for warning in warnings(plan, after, synthetic):
+        lines += [*_fill(f"WARNING: {warning}"), ""]
+    lines += ["1  WORTH", *_fill(f"Objective: the most objects found on average. {worth(plan)}.", 3)]
+    if plan.daily:
+        lines += _fill("Planned day by day: the bound adds up the best of each day by itself and is loose.", 3)
+    lines += [*_fill(f"Not sent: {', '.join(plan.idle)}", 3)] if plan.idle else []
+    lines += ["", "2  PATROLS"]
+    for slot, visits in patrol_planner.by_patrol(plan):
+        length = sum(float(after.segments.length[visit.segment]) for visit in visits) / 1000
+        total = sum(visit.found for visit in visits)
+        head = f"{notation.group(slot.when)}  {slot.team.name}: {length:.1f} of {slot.team.length / 1000:.1f} km"
+        lines += ["", *_fill(f"{head}, detection {slot.team.detection:.2f}, {total:.2g} found", 3, 6)]
+        for visit in sorted(visits, key=lambda visit: -visit.found):
+            name = washup_tables.stretch(after.segments, visit.segment)
+            size = float(after.segments.length[visit.segment]) / 1000
+            figures = f"{visit.found:.2g} +- {visit.error:.1g} found of {visit.lying:.2g}   {size:.1f} km   {name}"
+            lines += _fill(figures, 6, 10)
+    lines += ["", "3  NOTES"]
+    for note in (
+        "Found: expected numbers, those left out that the public reports or that are taken away before the patrol "
+        "comes; on a second visit, what the first leaves and what has come since.",
+        "Unless it crosses water a team stays on one land mass, and its reach is measured over land.",
+        f"A stretch is visited at most {patrol_planner.VISITS} times, whole. Ways between stretches are not counted. "
+        f"Stretches that would add under {100 * patrol_planner.TRIFLE:g} % to a patrol are left out.",
+        "Afterwards append patrols.toml to the case, with what was done, and each object found as a [[find]].",
+    ):
+        lines += _fill(f"- {note}", 3, 5)
+    return "\n".join(lines) + "\n"
+
+
+def worth(plan: PatrolPlan) -> str:
+    """Return in a line what a plan is expected to find, and what none could exceed."""
+    expected = f"{plan.found:.3g} objects found on average (Monte Carlo error of that {plan.error:.2g})"
+    return f"{expected}; no plan of these teams finds more than {_up(plan.bound)} on average"
+
+
+def _up(value: float) -> str:
+    """Return a bound to three digits, not rounded down."""
+    if value <= 0:
+        return "0"
+    step = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return f"{math.ceil(value / step) * step:.3g}"
+
+
+def warnings(plan: PatrolPlan, after: Aftermath, synthetic: bool) -> list[str]:
+    """Return warnings of what is not reliable in a plan."""
+    lines = ["SYNTHETIC wind or current. NOT FOR OPERATIONS."] if synthetic else []
+    count = effective.Count(after.posterior.effective, after.spill.worlds, "worlds")
+    if count.few:
+        lines.append(effective.sentence(count, "", "numbers and the choice of stretches are rough"))
+    return [*lines, *plan.notes, *too_long(plan, after)]
+
+
+def too_long(plan: PatrolPlan, after: Aftermath, *, most: int = LONGEST) -> list[str]:
+    """Return a warning for each team of the stretches that it leaves out, because they are longer than its day.
+
+    most: stretches that it names.
+    """
+    lines = []
+    for team in after.spill.teams:
+        rows = [row for row in plan.left_out if row.team is team]
+        if not rows:
+            continue
+        length = [float(after.segments.length[row.segment]) / 1000 for row in rows]
+        named = [
+            f"{washup_tables.stretch(after.segments, row.segment)} ({km:.1f} km, {row.lying:.2g} objects)"
+            for row, km in zip(rows[:most], length, strict=False)
+        ]
+        if len(rows) > most:
+            named.append(
+                f"and {len(rows) - most} others, see patrols_left_out.csv" if most else "see patrols_left_out.csv"
+            )
+        many = f"{len(rows)} stretch{'es' * (len(rows) > 1)}, {sum(length):.1f} km"
+        lines.append(
+            f"{team.name} leaves out {many}, where {sum(row.lying for row in rows):.2g} objects lie: longer than its "
+            f"{team.length / 1000:g} km a day: {'; '.join(named)}; cut them shorter ([spill.stretches])"
+        )
+    return lines
+
+
+def left_out(plan: PatrolPlan, after: Aftermath, run: str) -> str:
+    """Return the stretches that teams leave out because they are longer than their day, a row each, most first."""
+    segments, rows = after.segments, []
+    for row in plan.left_out:
+        s = row.segment
+        place = notation.position(float(segments.lon[s]), float(segments.lat[s])) or ""
+        figures = float(segments.length[s]) / 1000, row.lying, after.posterior.effective
+        about = [
+            row.team.name,
+            f"{row.team.length / 1000:g}",
+            s,
+            segments.id[s],
+            segments.name[s],
+            place,
+            segments.access[s],
+        ]
+        rows.append([*about, *(f"{value:.6g}" for value in figures), run])
+    return formats.csv_text(list(LEFT_OUT), rows)
+
+
+def csv(plan: PatrolPlan, after: Aftermath, run: str) -> str:
+    """Return a row for each visit, by time and team."""
+    segments, rows = after.segments, []
+    for slot, visits in patrol_planner.by_patrol(plan):
+        for visit in visits:
+            s = visit.segment
+            place = notation.position(float(segments.lon[s]), float(segments.lat[s])) or ""
+            length = float(segments.length[s]) / 1000
+            figures = [length, visit.lying, visit.found, visit.error, after.posterior.effective]
+            when = [notation.group(slot.when), notation.iso(slot.when), slot.team.name]
+            where = [s, segments.id[s], segments.name[s], place, segments.access[s]]
+            rows.append([*when, *where, *(f"{value:.6g}" for value in figures), run])
+    return formats.csv_text(list(HEADER), rows)
+
+
+def toml(plan: PatrolPlan, after: Aftermath) -> str:
+    """Return [[patrol]] tables that can be appended to the case."""
+    taken = {patrol.name for patrol in after.spill.patrols}
+    parts = [
+        "# The plan's patrols. Append them to the case once they were made; say what was done: "
+        "stretches left out, the time, the",
+        "# detection. Objects found are [[find]] tables with by = the patrol's name.",
+    ]
+    for slot, visits in patrol_planner.by_patrol(plan):
+        name, number = patrol_planner.heading(slot), 2
+        while name in taken:
+            name, number = f"{patrol_planner.heading(slot)} ({number})", number + 1
+        taken.add(name)
+        parts += [
+            "",
+            "[[patrol]]",
+            f"name = {json.dumps(name, ensure_ascii=False)}",
+            f"stretches = [{', '.join(json.dumps(_spelled(after, visit), ensure_ascii=False) for visit in visits)}]",
+            f'time = "{notation.iso(slot.when)}"',
+            f"detection = {slot.team.detection:g}",
+        ]
+    return "\n".join(parts) + "\n"
+
+
+def lines(plan: PatrolPlan, after: Aftermath, attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the stretches of each visit as a GeoJSON FeatureCollection, by time and team, cut at the antimeridian."""
+    segments, features = after.segments, []
+    for slot, visits in patrol_planner.by_patrol(plan):
+        for visit in visits:
+            s = visit.segment
+            told = {
+                "patrol_unit": slot.team.name,
+                "time": notation.iso(slot.when),
+                "segment": s,
+                "stretch_id": segments.id[s],
+                "stretch": washup_tables.stretch(segments, s),
+                "position": notation.position(float(segments.lon[s]), float(segments.lat[s])) or "",
+                "access": segments.access[s],
+                "length_km": float(f"{segments.length[s] / 1000:.6g}"),
+                "detection": slot.team.detection,
+                "lying": float(f"{visit.lying:.6g}"),
+                "found": float(f"{visit.found:.6g}"),
+                "found_se": float(f"{visit.error:.6g}"),
+            }
+            features.append(geojson.feature(geojson.lines([segments.lines[s]]), told))
+    return geojson.collection(features, attributes)
+
+
+def numbers(plan: PatrolPlan) -> dict[str, Any]:
+    """Return what the summary holds of a plan."""
+    return {
+        "found": plan.found,
+        "found_se": plan.error,
+        "bound": plan.bound,
+        "day_by_day": plan.daily,
+        "left_out": [
+            {"patrol_unit": row.team.name, "segment": row.segment, "lying": row.lying} for row in plan.left_out
+        ],
+        "patrols": [
+            {
+                "patrol_unit": slot.team.name,
+                "time": slot.when,
+                "segments": [visit.segment for visit in visits],
+                "found": sum(visit.found for visit in visits),
+            }
+            for slot, visits in patrol_planner.by_patrol(plan)
+        ],
+    }
+
+
+def facts(plan: PatrolPlan, after: Aftermath) -> dict[str, str]:
+    """Return what a terminal shows."""
+    lines = {"plan": worth(plan)}
+    for slot, visits in patrol_planner.by_patrol(plan):
+        names = "; ".join(washup_tables.stretch(after.segments, visit.segment) for visit in visits)
+        lines[_key(slot)] = f"{sum(visit.found for visit in visits):.2g} found: {names}"
+    if plan.idle:
+        lines["not sent"] = ", ".join(plan.idle)
+    return lines | {f"warning {k}": warning for k, warning in enumerate(warnings(plan, after, synthetic=False), 1)}
+
+
+def _key(slot: Slot) -> str:
+    return f"{notation.group(slot.when)} {slot.team.name}"
+
+
+def _spelled(after: Aftermath, visit: Visit) -> str:
+    """Return a stretch as a case names it: by the user's name, else by its id."""
+    name, place = after.segments.name[visit.segment], after.segments.id[visit.segment]
+    where = notation.position(float(after.segments.lon[visit.segment]), float(after.segments.lat[visit.segment]))
+    return place if where and where in name else name
+
+
+def _fill(words: str, indent: int = 0, hang: int | None = None) -> list[str]:
+    rest = " " * (indent if hang is None else hang)
+    return textwrap.wrap(words, WIDE, initial_indent=" " * indent, subsequent_indent=rest, break_long_words=False)

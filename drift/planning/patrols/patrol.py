@@ -1,0 +1,70 @@
+"""The next patrols of a spill: planned on its forecast, and written with it."""
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+from drift.case.record import Case
+from drift.engine.environment import coastline
+from drift.pipeline import flow, run_metadata
+from drift.pipeline.result import Result
+from drift.pipeline.run_options import Options, Report, in_turn, opened
+from drift.pipeline.shards import shelf
+from drift.planning.patrols import access, chapter
+from drift.planning.patrols import planner as patrol_planner
+from drift.planning.patrols.planner import PatrolPlan
+from drift.spills.worlds import evidence
+from geo.coast import shore
+from geo.errors import UserError
+
+
+@in_turn
+def patrol(
+    case: Case,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    datasets: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    backend: str = "cpu",
+    overwrite: bool = False,
+    report: Report | None = None,
+    memory: float | None = None,
+    shards: int | None = None,
+    client: Any = None,
+) -> tuple[PatrolPlan, Result]:
+    """Plan the next patrols of a spill; with `out`, write them and the forecast, complete or not at all.
+
+    memory, shards, client: as `drift.run` takes them. Raises UserError for all that the user can mend.
+    """
+    if case.spill is None or not case.spill.teams:
+        raise UserError(
+            f"{case.path.name}: has no [[patrol_unit]] to plan with: "
+            "give each its length a day, detection and first patrol"
+        )
+    job = opened(
+        case,
+        Options(out, datasets, threads, shelf.settled(backend, out, client), overwrite, report, memory, shards, client),
+    )
+    assert job.where.coast is not None
+    segments = evidence.cut(case.spill, job.where.coast)
+    asked = case.coast
+    walkable = access.of_teams(
+        case.spill.teams,
+        segments,
+        coastline.lands(job.where.coast, asked),
+        lambda: shore.whole(asked.source, asked.lakes),
+    )
+    patrol_planner.patrols(case.period, segments, walkable)  # before the drift, because it may reject the case
+    with flow.kept(job) as result:
+        after = result.aftermath
+        assert after is not None
+        job.tell("plan", 0.0)
+        with job.clock.phase("plan"):
+            plan = patrol_planner.plan(after, walkable)
+        if job.out is not None:
+            setting = run_metadata.with_coast(run_metadata.setting(case, job.where))
+            patrols = chapter.chapter(chapter.Matter(plan, after, setting, run_metadata.synthetic(case)))
+            flow.write(result, job, more=[patrols])
+    if job.out is not None:
+        shelf.clear(job.out)
+    return plan, result

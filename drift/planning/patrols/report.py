@@ -1,0 +1,44 @@
+"""What report.html shows of a plan of patrols: the stretches that are visited, and the schedule."""
+
+from drift.planning.patrols.planner import PatrolPlan
+from drift.products.report import leaves
+from drift.products.report.leaves import Leaf
+
+COLUMNS = [
+    ("time", "Time", "time"), ("patrol_unit", "Team", "words"), ("stretch", "Stretch", "words"), ("position", "Position", "words"),
+    ("access", "Access", "words"), ("length_km", "Length, km", "number"), ("lying", "Objects lying there", "number"), ("found", "Found, on average", "number"),
+    ("found_se", "± (Monte Carlo error of the average)", "number"),
+]  # fmt: skip
+LEFT_OUT = [
+    ("patrol_unit", "Team", "words"), ("day_km", "Its day, km", "number"), ("stretch", "Stretch", "words"), ("position", "Position", "words"),
+    ("length_km", "Length, km", "number"), ("lying", "Objects lying there", "number"),
+]  # fmt: skip
+
+
+def of(plan: PatrolPlan) -> list[Leaf]:
+    """Return the leaves of a plan of patrols."""
+    visited = sorted({int(visit.segment) for visit in plan.visits})
+    return [
+        leaves.shapes(
+            "Planned patrols",
+            "washup.geojson",
+            "patrol",
+            where={"segment": visited},
+            told=[("name", "Stretch", "words")],
+            frame=True,
+        ),
+        leaves.table("Patrols", COLUMNS, file="patrols.csv", by_time="time"),
+        *(
+            [
+                leaves.table(
+                    "Left out: longer than a team's day",
+                    LEFT_OUT,
+                    file="patrols_left_out.csv",
+                    note="Lying there: on the team's first patrol. Cut them shorter ([spill.stretches]), and they are planned too.",
+                )
+            ]
+            if plan.left_out
+            else []
+        ),
+        leaves.text("Schedule", file="patrols.txt"),
+    ]

@@ -1,0 +1,1 @@
+"""Where and when boats may search: seas, depths, daylight, courses."""

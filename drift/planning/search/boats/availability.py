@@ -1,0 +1,74 @@
+"""When each unit can search where: from its arrival on, by daylight, until its endurance or the plan ends."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from drift.evidence.filter.detection import laws
+from drift.evidence.filter.records import PlanSpec, Unit
+from drift.planning.search.boats import daylight
+from geo import notation, sphere
+from geo.array import Array
+
+MARGIN = 5.0  # [s] by which legs in whole seconds on the sphere may take longer than on the plane
+SHARE = 0.85  # of the endurance on scene that is search (Joint Pub 3-50, National Search and Rescue Supplement)
+
+
+def moment(time: float) -> np.datetime64:
+    """Return seconds since 1970 as a time, rounded to whole seconds."""
+    return np.datetime64(round(time), "s")
+
+
+@dataclass(frozen=True)
+class Availability:
+    """When and for how long a unit can search where; times are seconds since 1970."""
+
+    base: tuple[float, float]  # (lon, lat) [rad]
+    leaves: float  # earliest departure
+    transit_speed: float  # [m/s]
+    spans: tuple[tuple[float, float], ...]  # in which it may search, in order
+    search: float  # [s] of search in a sortie
+    # returns the length [m] of the way to positions (lon, lat) [rad]; None: all ways are straight
+    way: Callable[[npt.ArrayLike, npt.ArrayLike], Array] | None = None
+
+    def arrival(self, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
+        """Return the earliest times at which the unit can be at positions [rad]."""
+        way = sphere.distance(*self.base, lon, lat) if self.way is None else self.way(lon, lat)
+        return np.asarray(self.leaves + way / self.transit_speed)
+
+    def slot(self, earliest: npt.ArrayLike) -> tuple[Array, Array]:
+        """Return when a search begins that may not begin before `earliest`, and how long [s] it lasts, 0 for none."""
+        earliest = np.asarray(earliest, np.float64)
+        start, length = earliest.copy(), np.zeros(earliest.shape)
+        free = np.ones(earliest.shape, bool)
+        for begin, end in self.spans:
+            in_span = free & (earliest < end)
+            start = np.where(in_span, np.maximum(earliest, begin), start)
+            length = np.where(in_span, np.minimum(end - start, self.search), length)
+            free &= ~in_span
+        return start, length
+
+    def within(self, begin: Array, end: Array, arrival: Array) -> Array:
+        """Return how long [s] between two times the unit can search at a place where it arrives at `arrival`."""
+        total = np.zeros(np.broadcast_shapes(np.shape(begin), np.shape(arrival)))
+        for first, last in self.spans:
+            total += np.maximum(np.minimum(end, last) - np.maximum(np.maximum(begin, first), arrival), 0.0)
+        return total
+
+
+def of_unit(unit: Unit, spec: PlanSpec, place: tuple[float, float], after: float | None = None) -> Availability:
+    """Return the availability of a unit.
+
+    place: (lon, lat) [rad] whose daylight counts; after: earliest departure.
+    """
+    begin, until = float(notation.epoch(spec.begin)), float(notation.epoch(spec.until))
+    leaves = max(begin, float(notation.epoch(unit.ready)), after if after is not None else -np.inf)
+    spans = [(begin, until)]
+    if unit.daylight:
+        spans = daylight.windows(begin, until, float(np.degrees(place[0])), float(np.degrees(place[1])))
+    if laws.of(unit.law).detects != "anywhere":  # a search without legs needs no margin
+        spans = [(first, last - MARGIN) for first, last in spans if last - first > MARGIN]
+    base = tuple(float(v) for v in np.radians(unit.base))
+    return Availability((base[0], base[1]), leaves, unit.transit_speed, tuple(spans), SHARE * unit.endurance)

@@ -1,0 +1,290 @@
+"""The next search: planned on particles of its own, scored by executing it on those of the case.
+
+Several rounds are planned one after the other, each on the failure of those before. The score of a plan is one minus
+the evidence of its having failed: the same run that a debrief would make.
+"""
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from drift.case.record import Case
+from drift.engine.particles.status import STRANDED
+from drift.evidence.filter.account import Noted
+from drift.evidence.filter.records import Unit
+from drift.evidence.filter.updates import Updates
+from drift.evidence.suspend.further import Planned
+from drift.forecast import effective, likeliest, mapped
+from drift.forecast.effective import Count
+from drift.pipeline import flow, run_metadata
+from drift.pipeline.result import Result
+from drift.pipeline.run_options import Job, Options, Report, in_turn, opened
+from drift.pipeline.shards import shelf
+from drift.planning.search import bound as bounds
+from drift.planning.search import follow, optimiser
+from drift.planning.search.boats import fleet
+from drift.planning.search.bound import Bound
+from drift.planning.search.products import chapter
+from drift.planning.search.records import Alternative, Plan, Tasking
+from geo.array import Array
+from geo.errors import UserError
+from geo.notation import group
+from kernels.maths import noise
+from kernels.maths.noise import Purpose
+
+
+@in_turn
+def plan(
+    case: Case,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    datasets: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+    backend: str = "cpu",
+    overwrite: bool = False,
+    report: Report | None = None,
+    memory: float | None = None,
+    shards: int | None = None,
+    client: Any = None,
+) -> tuple[Plan, Result]:
+    """Plan the next search of a case; with `out`, write it and the forecast of its failure.
+
+    The folder is written completely or not at all. memory, shards, client: of the forecast that scores the plan, as
+    drift.run takes them. Raises UserError for all that the user can mend.
+    """
+    check(case)
+    job = opened(
+        case,
+        Options(out, datasets, threads, shelf.settled(backend, out, client), overwrite, report, memory, shards, client),
+    )
+    proposed, executed, result = scheme(job)
+    if job.out is not None:
+        shown = None if proposed.shares is None else likeliest.of(proposed.shares)
+        setting = run_metadata.with_coast(run_metadata.setting(executed, job.where, shown))
+        taken = [sortie.name for sortie in case.sorties]
+        land = partial(fleet.shown, executed, job.where) if job.where.coast is not None else None
+        matter = chapter.Matter(proposed, result.forecast, setting, taken, land, run_metadata.synthetic(case))
+        flow.write(result, job, more=[chapter.chapter(matter)], planned=ahead(proposed))
+        shelf.clear(job.out)
+    return proposed, result
+
+
+def check(case: Case) -> None:
+    """Raise UserError unless the next search of a case can be planned."""
+    if not case.units:
+        raise UserError(
+            f"{case.path.name}: has no [[unit]] to plan with: "
+            "give each its base, search_speed, endurance and sweep_width"
+        )
+    if case.plan.begin >= case.plan.until:
+        raise UserError(
+            f"{case.path.name}: plan: the last sortie or contact is at {group(case.plan.begin)}, when the plan is to "
+            "end; give begin and until in [plan], or run for longer"
+        )
+    known = [(sortie.end, f'the end of sortie "{sortie.name}"') for sortie in case.sorties]
+    known += [(contact.time, f'contact "{contact.name}"') for contact in case.contacts]
+    known += [
+        (overdue, f'the time by which scenario "{scenario.name}" is overdue')
+        for scenario in case.scenarios
+        if scenario.itinerary and (overdue := scenario.itinerary.overdue) is not None
+    ]
+    known += [
+        (max(sensors), "the end of the last look, presence or barrier") for sensors in [case.sensors.times] if sensors
+    ]
+    last, what = max(known, default=(case.plan.begin, ""))
+    if last > case.plan.begin:
+        raise UserError(
+            f"{case.path.name}: plan.begin {group(case.plan.begin)} is before {what}, {group(last)}: "
+            "a plan begins when all is known; give a later begin in [plan], or leave it out"
+        )
+
+
+@dataclass(frozen=True)
+class _Rounds:
+    """Rounds of sorties, each planned on the failure of those before."""
+
+    tasked: Sequence[Tasking]
+    executed: Case  # in which all of them have been flown and found nothing
+    seen: float  # what they find of the particles on which they were planned
+    alternatives: tuple[Alternative, ...]  # to the last round
+    bound: Bound
+    bound_number: float  # effective particles on which the bound was found
+    made_on: Count  # particles of the last round
+    said: tuple[str, ...]  # of boats
+
+
+def scheme(job: Job, noted: Noted | None = None) -> tuple[Plan, Case, Result]:
+    """Return a plan, the case in which it has been executed and found nothing, and the forecast of that.
+
+    noted: is told of each sortie of that forecast, as drift.evidence.filter.filter does.
+    """
+    rounds = _rounds(job)
+    result = flow.forecasted(replace(job, case=rounds.executed), noted)
+    return _worth(job.case, rounds, result), rounds.executed, result
+
+
+def _rounds(job: Job) -> _Rounds:
+    """Return the rounds of a plan; raise UserError where no unit can search."""
+    case, where, clock = job.case, job.where, job.clock
+    spec = case.plan
+    survival = [scenario.survival for scenario in case.scenarios]
+    tasked: list[Tasking] = []
+    units, executed = list(case.units), case
+    seen, left, proposal, bound, boats, bound_number = 0.0, 1.0, None, None, None, 0.0
+    for number in range(1, spec.rounds + 1):
+        with clock.phase("follow"):
+            tracks = follow.follow(executed, where)
+        if boats is None:
+            with clock.phase("ways"):
+                boats = fleet.prepare(case, where, tracks)
+            units = list(boats.units)
+        if bound is None:
+            bound_number = bounds.counted(tracks)
+            with clock.phase("bound"):
+                bound = bounds.bound(tracks, _flying(case.units, spec.rounds), spec, survival)
+        with clock.phase("plan"):
+            telling = partial(_told, job.tell, number, spec.rounds)
+            seed = noise.seed_for(case.seed, Purpose.OPTIMISER, number)
+            proposal = optimiser.plan(tracks, units, spec, seed, survival, telling, boats.courses)
+            flown, boats = fleet.checked(boats, proposal.taskings)
+        more = [_named(tasking, number, spec.rounds, case) for tasking in flown]
+        if not more:
+            break
+        tasked += more
+        seen += left * proposal.seen
+        left *= math.prod(1 - tasking.pos for tasking in proposal.taskings)  # found dead, it is found too
+        units = _again(units, more)
+        executed = _with(case, tasked)
+    if proposal is None or bound is None or boats is None or not tasked:
+        raise UserError(
+            f"plan: no unit can search between {group(spec.begin)} and {group(spec.until)}: each needs time for its "
+            "transit and some search before the end, by daylight if it is visual; give more time (until in [plan]), or "
+            "units that are nearer or ready earlier" + "".join(f". {words}" for words in (boats.said if boats else ()))
+        )
+    made_on = Count(effective.number(tracks.weight), len(tracks.weight))
+    return _Rounds(tasked, executed, seen, proposal.alternatives, bound, bound_number, made_on, boats.said)
+
+
+def _worth(case: Case, rounds: _Rounds, result: Result) -> Plan:
+    """Return the plan of these rounds with what it is worth, by the forecast in which it was executed."""
+    assert result.updates is not None
+    spec, bound = case.plan, rounds.bound
+    by_name = {update.name: update for update in result.updates.all}
+    updates = [by_name[tasking.sortie.name] for tasking in rounds.tasked]
+    missed = np.prod([1 - np.asarray(update.pos) for update in updates], axis=0)
+    alive, ashore, so_far = 0.0, 0.0, 1.0
+    for update in updates:
+        ashore += so_far * float(np.asarray(update.ashore)[-1])
+        alive += so_far * float(np.asarray(update.pos if update.alive is None else update.alive)[-1])
+        so_far *= 1 - float(np.asarray(update.pos)[-1])
+    pos = 1 - float(missed[-1])
+    taskings = tuple(
+        replace(tasking, pos=float(np.asarray(update.pos)[-1]), pos_ashore=float(np.asarray(update.ashore)[-1]))
+        for tasking, update in zip(rounds.tasked, updates, strict=True)
+    )
+    value = alive if spec.objective == "alive" else pos
+    scored_on = _scored(result, rounds.executed, spec.begin)
+    error = _error(bound.value, rounds.bound_number, value, scored_on)
+    why = bounds.silent(bound.value, rounds.bound_number, error, rounds.seen, value, bound.none)
+    sent = {tasking.unit.name for tasking in taskings}
+    return Plan(
+        spec=spec,
+        taskings=taskings,
+        value=value,
+        pos=pos,
+        by_scenario=1 - missed[:-1],
+        seen=rounds.seen,
+        bound=None if why else bound.value,
+        bound_error=error,
+        unbounded=why,
+        alternatives=rounds.alternatives if spec.rounds == 1 else (),
+        scenarios=tuple(scenario.name for scenario in case.scenarios),
+        families=tuple(scenario.family.family.name if scenario.family else None for scenario in case.scenarios),
+        shares=_before(result.updates, updates[0].name),
+        made_on=rounds.made_on,
+        scored_on=scored_on,
+        ashore=_ashore(result, spec.begin),
+        pos_ashore=ashore,
+        idle=tuple(unit.name for unit in case.units if unit.name not in sent),
+        said=rounds.said,
+    )
+
+
+def _before(updates: Updates, name: str) -> Array:
+    """Return the probability of each scenario before an update."""
+    number = [update.name for update in updates.all].index(name)
+    return np.asarray(updates.all[number - 1].posterior if number else updates.prior, float)
+
+
+def _ashore(result: Result, begin: np.datetime64) -> float:
+    """Return the probability that the object lies ashore, or has run aground, when a plan begins."""
+    data = result.forecast.data
+    then = data["status_probability"].isel(time=mapped.opening(data, begin))
+    return float(then.where(then["status"].isin([status.name.lower() for status in STRANDED])).sum())
+
+
+def _scored(result: Result, executed: Case, begin: np.datetime64) -> Count:
+    """Return how many of the case's particles count when a plan begins."""
+    data = result.forecast.data
+    return effective.at(data, mapped.opening(data, begin), executed.particles)
+
+
+def _error(bound: float, bound_number: float, value: float, scored_on: Count) -> float:
+    """Return the standard error of a bound less what a plan is worth.
+
+    Both are means, over `bound_number` effective particles and over those that the plan was scored on.
+    """
+    counts = max(bound_number, 1.0), max(scored_on.number, 1.0)
+    return math.sqrt(sum(p * (1 - p) / n for p, n in zip((bound, value), counts, strict=True)))
+
+
+def _told(tell: Report, number: int, rounds: int, share: float) -> None:
+    tell("plan", (number - 1 + share) / rounds)
+
+
+def _named(tasking: Tasking, number: int, rounds: int, case: Case) -> Tasking:
+    """Return a tasking of a round, its sortie named unlike all others."""
+    name = f"{tasking.unit.name}, planned" + (f" {number}" if rounds > 1 else "")
+    while name in {sortie.name for sortie in case.sorties}:
+        name += " anew"
+    return replace(tasking, round=number, sortie=replace(tasking.sortie, name=name, ashore=case.plan.ashore))
+
+
+def _with(case: Case, tasked: Sequence[Tasking]) -> Case:
+    """Return a case in which a plan's sorties have been flown, until the plan's end.
+
+    It has few outputs, because planners wait for it.
+    """
+    sorties = tuple(sorted((*case.sorties, *(t.sortie for t in tasked)), key=lambda sortie: (sortie.start, sortie.end)))
+    first = [tasking for tasking in tasked if tasking.round == 1]
+    begin, end = min(tasking.on_scene for tasking in first), max(tasking.off_scene for tasking in first)
+    middle = begin + (end - begin) // 2  # what plan.png shows
+    outputs = np.unique(np.array([case.start, case.plan.begin, middle, case.plan.until], "datetime64[s]"))
+    return replace(case, sorties=sorties, outputs=outputs, end=case.plan.until)
+
+
+def _again(units: Sequence[Unit], flown: Sequence[Tasking]) -> list[Unit]:
+    """Return the units with the time at which each is ready after its sortie."""
+    home = {tasking.unit.name: tasking.home for tasking in flown}
+    return [
+        replace(unit, ready=max(unit.ready, home[unit.name] + np.timedelta64(round(unit.turnaround), "s")))
+        if unit.name in home
+        else unit
+        for unit in units
+    ]
+
+
+def _flying(units: Sequence[Unit], rounds: int) -> list[Unit]:
+    """Return units that can search as long as all their sorties together, which bounds several rounds."""
+    return [replace(unit, endurance=unit.endurance * rounds) for unit in units]
+
+
+def ahead(plan: Plan) -> Planned:
+    """Return the sorties of a plan, which are still to be flown."""
+    names = frozenset(tasking.sortie.name for tasking in plan.taskings)
+    return Planned(names, max(tasking.off_scene for tasking in plan.taskings))

@@ -1,0 +1,84 @@
+"""What a plan hands out: its text, routes and shapes for plotters, tables for the case, its pictures.
+
+The pictures are a map and a sheet for each unit.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from drift.forecast.build import Forecast
+from drift.planning.search.products import files as plan_files
+from drift.planning.search.products import report
+from drift.planning.search.products import text as plan_text
+from drift.planning.search.records import Plan
+from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.maps.imprint import Setting
+from geo.box import Box
+
+
+@dataclass(frozen=True)
+class Matter:
+    """What the files and pictures are made from."""
+
+    plan: Plan
+    forecast: Forecast  # of the plan's failure
+    setting: Setting
+    taken: Sequence[str]  # names of the sorties that the case has
+    land: Callable[[Box], Any] | None  # returns its polygons in a box [deg]; None: the case has no coast
+    synthetic: bool  # winds or currents are made up
+
+
+def _text(matter: Matter, stamped: Stamped) -> str:
+    plan = matter.plan
+    notes = [
+        f"{name} is not sent: it cannot search in this period, or would add nothing."
+        for name in plan.idle
+        if not any(words.startswith(f"{name} is not sent") for words in plan.said)
+    ]
+    title, run = matter.setting.imprint.title, stamped["run_id"]
+    return plan_text.text(plan, title, run, [*notes, *plan.said], synthetic=matter.synthetic)
+
+
+def _map(matter: Matter, path: Path) -> None:
+    from drift.planning.search.products import map as plan_map  # here: Matplotlib takes a second to import
+
+    plan_map.draw(matter.forecast, matter.plan, path, matter.setting)
+
+
+FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+    "plan.txt": _text,
+    "plan.gpx": lambda matter, stamped: plan_files.gpx(matter.plan, matter.setting.imprint.title, stamped["run_id"]),
+    "plan.kml": lambda matter, stamped: plan_files.kml(matter.plan, matter.setting.imprint.title, stamped["run_id"]),
+    "plan.geojson": lambda matter, stamped: plan_files.geojson(matter.plan, stamped),
+    "plan.json": lambda matter, stamped: {"run_id": stamped["run_id"], **plan_files.numbers(matter.plan)},
+    "plan.toml": lambda matter, stamped: plan_files.toml(matter.plan, matter.taken),
+}
+PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+    "plan.png": _map,
+}
+
+
+def chapter(matter: Matter) -> Chapter:
+    """Return the chapter of a plan."""
+    return Chapter(
+        {},
+        bound(FILES, matter),
+        bound(PICTURES, matter) | _sheets(matter),
+        leaves=(partial(report.of, matter.plan),),
+        warnings=tuple(plan_text.rough(matter.plan)),
+    )
+
+
+def _sheets(matter: Matter) -> dict[str, Callable[[Path], None]]:
+    """Return, by name, what draws the sheets of the units, plan-A-1.png and so on."""
+    from drift.planning.search.products import unit_sheet
+
+    draw = partial(unit_sheet.draw, matter.plan)
+    polygons = matter.land(unit_sheet.box(matter.plan)) if matter.land and matter.plan.taskings else ()
+    return {
+        name: partial(draw, which, imprint=matter.setting.imprint, number=number, polygons=polygons)
+        for name, which, number in unit_sheet.pages(matter.plan)
+    }

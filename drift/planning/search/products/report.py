@@ -1,0 +1,33 @@
+"""What report.html shows of a plan: where each unit goes, and what the plan is worth."""
+
+from drift.planning.search.products import files
+from drift.planning.search.products import text as plan_text
+from drift.planning.search.records import Plan
+from drift.products.report import leaves
+from drift.products.report.leaves import Leaf
+
+SPAN = ("on_scene", "off_scene")
+TOLD = [
+    ("unit", "Unit", "words"), ("on_scene", "On scene", "time"), ("off_scene", "Off scene", "time"), ("pos", "POS", "share"),
+    ("length_nmi", "Length, nmi", "number"), ("width_nmi", "Width, nmi", "number"), ("spacing_nmi", "Track spacing, nmi", "number"),
+    ("legs", "Legs", "count"), ("creep_deg", "Creep, deg true", "number"), ("search_speed_kn", "Search speed, kn", "stated"),
+]  # fmt: skip
+
+
+def of(plan: Plan) -> list[Leaf]:
+    """Return the leaves of a plan."""
+    file = "plan.geojson"
+    told = [*TOLD[:4], *([("pos_ashore", "of it ashore", "share")] if plan.spec.ashore else []), *TOLD[4:]]
+    rows = [[row["area"], *(row[name] for name, _, _ in told)] for row in files.numbers(plan)["taskings"]]
+    return [
+        leaves.shapes(
+            "Planned areas", file, "planned", where={"shape": "area"}, span=SPAN, label="area", told=TOLD, frame=True
+        ),
+        leaves.shapes("Planned legs", file, "planned_legs", where={"shape": ["legs", "round"]}, told=TOLD),
+        leaves.shapes("Ways out and home", file, "planned_transit", where={"shape": "transit"}, shown=False),
+        leaves.shapes(
+            "Commence search points", file, "planned_point", where={"shape": "csp"}, told=[("area", "Area", "words")]
+        ),
+        leaves.table("Units of the plan", [("area", "Area", "words"), *told], rows=rows, note=plan_text.stranded(plan)),
+        leaves.text("Search action plan", file="plan.txt"),
+    ]

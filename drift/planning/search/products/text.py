@@ -1,0 +1,342 @@
+"""A plan as plain text: the search action plan as crews and coordinators read it (IAMSAR Manual, Vol. II).
+
+Plain ASCII of at most 78 columns but for names: it goes by mail, telex or radio. Positions are degrees and decimal
+minutes, directions true, times date-time groups.
+"""
+
+import math
+import textwrap
+from collections.abc import Sequence
+
+import numpy as np
+
+from drift.forecast import effective
+from drift.planning.search.products import subareas
+from drift.planning.search.records import Plan, Tasking
+from geo import notation, sphere
+from geo.notation import KNOT, NMI
+
+WIDE = 78
+FOOT = 0.3048  # [m]
+LABEL = 18
+LONG_WAIT = 0.5  # [h]; of a longer wait the crew reads the reason
+TOLD_ASHORE = 0.005  # probability from which what lies ashore is told of
+OPTIMISTIC = 0.02  # by how much a plan may score better on its own particles without a warning
+OBJECTIVES = {"pos": "detect the object", "alive": "detect the object while alive"}
+EXPECTED = "Expected POD"
+SPACING = {"sector": "Radius"}  # what the spacing of a pattern is called
+STATES = ("adrift", "under way")
+
+
+def text(
+    plan: Plan,
+    case_title: str,
+    run: str,
+    notes: Sequence[str] = (),
+    *,
+    datum: tuple[float, float, np.datetime64] | None = None,
+    synthetic: bool = False,
+) -> str:
+    """Return the search action plan.
+
+    run: its run_id. notes: what else a coordinator must know. datum: (lon, lat) [deg] and its time. synthetic: winds or
+    currents are made up.
+    """
+    names = subareas.names(plan)
+    lines = ["SEARCH ACTION PLAN", *_fill(case_title, 0), f"Run {run}. Times are UTC, directions true.", ""]
+    for warning in warnings(plan, synthetic):
+        lines += [*_fill(f"WARNING: {warning}", 0), ""]
+    lines += ["1  WORTH", *_worth(plan, datum), "", "2  SEARCH AREAS", *_table(plan, names), "", "3  TASKING"]
+    number = 0
+    for name, tasking in zip(names, plan.taskings, strict=True):
+        if tasking.round != number and plan.spec.rounds > 1:
+            number = tasking.round
+            later = ", planned on the failure of all before: plan anew with what was flown and seen"
+            lines += ["", *_fill(f"Round {number}{later if number > 1 else ''}", 3)]
+        lines += ["", *task(plan, name, tasking)]
+    if not plan.taskings:
+        lines += ["   none: no unit can search in this period"]
+    rest = [
+        ("COORDINATION, COMMUNICATIONS, REPORTS", ["   to be filled in by the search mission coordinator"]),
+        ("NOTES", [line for note in (*notes, *_standing(plan)) for line in _fill(f"- {note}", 3, 5)]),
+    ]
+    if plan.alternatives:
+        rest.insert(0, ("ALTERNATIVES, all on the particles that the plan was made on", _alternatives(plan)))
+    for section, (head, body) in enumerate(rest, 4):
+        lines += ["", f"{section}  {head}", *body]
+    return "\n".join(lines) + "\n"
+
+
+def warnings(plan: Plan, synthetic: bool) -> list[str]:
+    """Return the warnings at the head of a plan: what it must not be used for, and what is not reliable in it."""
+    lines = []
+    if synthetic:
+        lines.append("SYNTHETIC wind or current. NOT FOR OPERATIONS.")
+    if plan.seen - plan.value > OPTIMISTIC:
+        lines.append(
+            f"the plan scored {plan.seen:.3f} on the particles that it was made on, {plan.value:.3f} on others: "
+            "it fits chance. Plan with more particles."
+        )
+    lines += [
+        f"{other.name}: finds {-other.difference:.3f} +- {other.standard_error:.3f} more than this plan, of the particles "
+        f"that it was made on, but its areas come nearer than {plan.spec.separation / NMI:.3g} nmi to each other."
+        for other in plan.alternatives
+        if -other.difference > 2 * other.standard_error and not other.apart
+    ]
+    return lines + rough(plan)
+
+
+def rough(plan: Plan) -> list[str]:
+    """Return warnings of which figures of a plan stand on few particles."""
+    lines = []
+    if plan.made_on is not None and plan.made_on.few:
+        lines.append(
+            effective.sentence(plan.made_on, "of those that the plan was made on", "its areas and its bound are rough")
+        )
+    if plan.scored_on is not None and plan.scored_on.few:
+        lines.append(effective.sentence(plan.scored_on, "of those that it was scored on", "its POS is rough"))
+    return lines
+
+
+def worth(plan: Plan) -> str:
+    """Return in a line what a plan is worth and the estimated bound of all plans, or why there is none.
+
+    The bound is rounded up; with three digits where two tell no difference.
+    """
+    digits = 3 if plan.bound is not None and f"{plan.value:.2f}" == f"{_up(plan.bound, 2):.2f}" else 2
+    value = f"POS {notation.probability(plan.value, digits)}"
+    if plan.spec.objective == "alive":
+        value = (
+            f"{notation.probability(plan.value, digits)} to detect alive (POS {notation.probability(plan.pos, digits)})"
+        )
+    if plan.bound is None:
+        return f"{value}; no bound: {plan.unbounded}" if plan.unbounded else value
+    error = f" (+-{_up(2 * plan.bound_error, digits):.{digits}f})" if plan.bound_error > 0 else ""
+    return f"{value}; estimated bound {_up(plan.bound, digits):.{digits}f}{error}"
+
+
+def stranded(plan: Plan) -> str:
+    """Return what becomes of what lies ashore: how likely that is, and whether the plan looks for it; "" for nothing."""
+    if max(plan.ashore, plan.pos_ashore) < TOLD_ASHORE:
+        return ""
+    lies = f"it lies ashore with {notation.percent(plan.ashore)} when the plan begins"
+    if plan.spec.ashore:
+        return f"{lies}; {notation.probability(plan.pos_ashore)} of the POS is of what lies there as a unit passes"
+    return f"{lies}; units look for what is afloat alone (ashore = true in [plan]: they see the shore), have the shore searched"
+
+
+def _share(value: float) -> str:
+    """Return a share in whole percent; all of it is "all"."""
+    return "all" if value == 1 else notation.percent(value, 0)
+
+
+def _up(value: float, digits: int) -> float:
+    """Return a number rounded up to so many digits: a bound does not get lower by being written."""
+    return float(math.ceil(round(value * 10.0**digits, 6)) / 10.0**digits)
+
+
+def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list[str]:
+    rows = [("Period", f"{notation.group(plan.spec.begin)} to {notation.group(plan.spec.until)}")]
+    if datum is not None and (where := notation.position(*datum[:2])) is not None:
+        rows.append(("Datum", f"{where} at {notation.group(datum[2])}"))
+    rows += [("Objective", OBJECTIVES[plan.spec.objective]), ("Worth", worth(plan))]
+    if words := stranded(plan):
+        rows.append(("Ashore", words))
+    if plan.bound:
+        bound = (
+            "An estimate: no plan of these units, laws and times is expected to find more than "
+            f"{_up(plan.bound, 3):.3f} of the particles that this one was made on. It finds {plan.seen:.3f} of those: "
+            f"{100 * plan.seen / plan.bound:.0f} %. The particles that its worth is told of are others: two standard "
+            f"errors of sampling are {_up(2 * plan.bound_error, 3):.3f}"
+        )
+        rows.append(("Bound", bound))
+    if plan.spec.rounds > 1 and plan.bound is not None:
+        loose = (
+            f"The bound lets each unit search {plan.spec.rounds} times its endurance without turnaround: it is loose"
+        )
+        rows.append(("", loose))
+    rows.append(("Optimism", f"{plan.seen - plan.value:+.3f} on the particles that the plan was made on"))
+    for k, (name, pos) in enumerate(subareas.stories(plan)):
+        rows.append(("POS, had it been" if k == 0 else "", f"{notation.probability(pos):5} {name}"))
+    return [line for row in rows for line in _row(*row)]
+
+
+def _table(plan: Plan, names: Sequence[str]) -> list[str]:
+    lines = [f"   {'Area':6}{'Unit':24}{'Takeoff':9}{'On scene':10}{'Off':9}{'Home':9}{'POS':>5}"]
+    for name, tasking in zip(names, plan.taskings, strict=True):
+        times = [_short(time) for time in (tasking.takeoff, tasking.on_scene, tasking.off_scene, tasking.home)]
+        unit = tasking.unit.name if len(tasking.unit.name) <= 23 else f"{tasking.unit.name[:20]}..."
+        lines.append(
+            f"   {name:6}{unit:24}{times[0]:9}{times[1]:10}{times[2]:9}{times[3]:9}{notation.probability(tasking.pos):>5}"
+        )
+    return [*lines, *_fill("POS: of each, given that all before it in this list have failed", 3)]
+
+
+def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
+    """Return what a unit is told to do, as lines."""
+    unit, sortie = tasking.unit, tasking.sortie
+    title = f"{name}  {unit.name}" + (f" ({unit.kind})" if unit.kind and unit.kind != unit.name else "")
+    corners = [notation.position(*corner) or "" for corner in subareas.corners(tasking)]
+    size = f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f}"
+    rows: list[tuple[str, str]] = [
+        ("Corners", f"{corners[0]}   {corners[1]}"),
+        ("", f"{corners[2]}   {corners[3]}"),
+        ("Centre", notation.position(*tasking.centre) or ""),
+        ("Size", f"{size} nmi, length along {_both(tasking.orientation)}"),
+    ]
+    if sortie.legs is not None:
+        lengths = "in pieces of up to" if tasking.cut else "of" if tasking.manner.plain else "of up to"
+        many = f"{tasking.legs} leg{'s' * (tasking.legs != 1)} {lengths}"
+        parallel = tasking.manner.pattern == "parallel"
+        rows += [
+            ("Pattern", subareas.pattern(tasking)),
+            ("CSP", f"{notation.position(*subareas.begin(tasking))}   (commence search point)"),
+            ("First leg", f"{_first_course(tasking):03d}T, {many} {subareas.leg_length(tasking) / NMI:.1f} nmi"),
+            *[("Creep", f"{subareas.degrees(tasking.creep):03d}T")] * parallel,
+            (SPACING.get(tasking.manner.pattern, "Track spacing"), f"{tasking.spacing / NMI:.2f} nmi"),
+        ]
+    else:
+        rows.append(("Pattern", f"search of the whole area, {subareas.track_length(tasking) / NMI:.0f} nmi of track"))
+    if tasking.cut:
+        ways = f"{subareas.round_length(tasking) / NMI:.1f} nmi of ways round it search nothing"
+        swept = f"{subareas.track_length(tasking) / NMI:.1f} nmi search {_share(tasking.swept)} of the sea in the area"
+        rows.append(("Cut legs", f"{listed(tasking.cut)}: cut at the coast; {swept}; {ways}"))
+    rows.append(
+        (
+            "Speed",
+            f"{notation.number(unit.search_speed / KNOT)} kn search, {notation.number(unit.transit_speed / KNOT)} kn transit",
+        )
+    )
+    if math.isfinite(unit.altitude):
+        what = "Height of eye" if unit.kind == "Boat" else "Altitude"
+        rows.append((what, f"{notation.number(unit.altitude / FOOT)} ft"))
+    waits = float((tasking.takeoff - max(unit.ready, plan.spec.begin)) / np.timedelta64(1, "h"))
+    if waits >= LONG_WAIT:
+        why = f": {tasking.waits}" if tasking.waits else ""
+        rows.append(("Waits", f"{waits:.1f} h after it is ready{why}"))
+    rows += [
+        ("Takeoff", f"{notation.group(tasking.takeoff)}   from {notation.stated_position(*unit.base)}"),
+        ("On scene", notation.group(tasking.on_scene) + ("   at the CSP" if sortie.legs else "")),
+        ("Off scene", f"{notation.group(tasking.off_scene)}   at {notation.position(*subareas.end(tasking))}"),
+        ("Home", f"{notation.group(tasking.home)}   at {notation.stated_position(*unit.return_to)}"),
+        *(
+            (which, f"{way / NMI:.1f} nmi by sea, {straight / NMI:.1f} nmi straight")
+            for which, way, straight in subareas.by_sea(tasking)
+        ),
+        ("POS", notation.probability(tasking.pos)),
+    ]
+    if unit.afloat:
+        keeps = [f"{notation.number(unit.clear_of_land / NMI)} nmi off land"] * (unit.clear_of_land > 0)
+        keeps += [f"in water deeper than {notation.number(unit.draught)} m"] * (unit.draught > 0)
+        rows += [("Keeps", ", ".join(keeps))] * bool(keeps)
+    return [f"   {title}", *(line for row in rows for line in _row(*row, indent=6)), *_expected(plan, tasking)]
+
+
+def listed(numbers: Sequence[int]) -> str:
+    """Return numbers in order, those that follow each other as a range: 6 to 8, 12."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(
+        str(run[0]) if len(run) == 1 else f"{run[0]}{' to ' if len(run) > 2 else ', '}{run[-1]}" for run in runs
+    )
+
+
+def _expected(plan: Plan, tasking: Tasking) -> list[str]:
+    """Return the POD that a tasking expects: a line if all scenarios have the same, otherwise a table.
+
+    What is seen from farther while it is under way has a line or row for each state.
+    """
+    by_state = [
+        (subareas.pods(tasking, state), subareas.widths(tasking, state) / NMI, subareas.coverages(tasking, state))
+        for state in ((False, True) if tasking.sortie.width_under_way else (False,))
+    ]
+    if all(np.ptp(width) < 1e-9 and np.ptp(coverage) < 1e-9 for _, width, coverage in by_state):
+        lines = [
+            f"{notation.probability(pod[0])} at W {notation.number(w[0], 3)} nmi, coverage {c[0]:.2f}"
+            for pod, w, c in by_state
+        ]
+        if len(set(lines)) > 1:
+            lines = [f"{line}, {state}" for line, state in zip(lines, STATES, strict=True)]
+        return [
+            part for k, line in enumerate(dict.fromkeys(lines)) for part in _row("" if k else EXPECTED, line, indent=6)
+        ]
+    rows: list[tuple[str, list[float]]] = []
+    told = [subareas.told(plan, *figures) for figures in by_state]
+    for k, name in enumerate(told[0][0]):
+        own = [[column[k] for column in columns] for _, columns in told]
+        if own[0] == own[-1]:
+            rows.append((name, own[0]))
+        else:
+            rows += [(f"{name}, {state}", figures) for state, figures in zip(STATES, own, strict=True)]
+    wide = max(len(name) for name, _ in rows)
+    lines = [f"{'':{wide}}   POD  W [nmi]  Coverage"]
+    for name, figures in rows:
+        lines.append(f"{name:{wide}} {notation.probability(figures[0]):>5}  {figures[1]:7.2f}  {figures[2]:8.2f}")
+    return [f"      {'' if k else EXPECTED:{LABEL}}{line}" for k, line in enumerate(lines)]
+
+
+def _alternatives(plan: Plan) -> list[str]:
+    lines = [f"   {plan.seen:.3f}  this plan"]
+    for other in plan.alternatives:
+        gap = "better" if other.difference >= 0 else "WORSE"
+        by = f"{abs(other.difference):.3f} +- {other.standard_error:.3f}"
+        near = "" if other.apart else f" (nearer to each other than {plan.spec.separation / NMI:.3g} nmi)"
+        beside = "this is the plan" if other.same else f"the plan is {gap} by {by}"
+        lines += _fill(f"{other.value:.3f}  {other.name}{near}; {beside}", 3, 10)
+    return lines
+
+
+def _standing(plan: Plan) -> tuple[str, ...]:
+    boats = (
+        "Boats go by sea on the coast of this case, whose shores may be off by more than they keep from it; rocks "
+        "awash, tides and, without a depth grid, depths are not known: check the ways on a chart.",
+    )
+    return (
+        *boats * any(tasking.unit.afloat for tasking in plan.taskings),
+        "Altitudes and times are for planning: crews and controllers settle separation, weather and daylight.",
+        "POD is for an object that stays in the area; POS counts those that drift in and out of it.",
+        *(
+            "An area that drifts moves as a whole while it is searched: its corners hold all of its legs, and its POD is "
+            "for an object that drifts with it. Fly the turning points at their times.",
+        )
+        * any(tasking.manner.moves for tasking in plan.taskings),
+        "Afterwards append plan.toml to the case, with what was flown: completed or actual.",
+    )
+
+
+def _row(label: str, value: str, indent: int = 3) -> list[str]:
+    start = " " * indent + f"{label:{LABEL}}"
+    return textwrap.wrap(value, WIDE, initial_indent=start, subsequent_indent=" " * len(start), drop_whitespace=True,
+                         break_long_words=False, fix_sentence_endings=False) or [start.rstrip()]  # fmt: skip
+
+
+def _fill(words: str, indent: int, hang: int | None = None) -> list[str]:
+    return textwrap.wrap(
+        words, WIDE, initial_indent=" " * indent, subsequent_indent=" " * (indent if hang is None else hang)
+    )
+
+
+def _both(angle: float) -> str:
+    """Return the two directions of an axis, 030/210T."""
+    first = subareas.degrees(angle)
+    low, high = sorted((first, (first + 179) % 360 + 1))
+    return f"{low:03d}/{high:03d}T"
+
+
+def _first_course(tasking: Tasking) -> int:
+    """Return the course [deg] of the first leg, which is along the orientation one way or the other."""
+    legs = tasking.sortie.legs
+    assert legs is not None
+    east, north = sphere.offset(*np.radians([legs.lon[0], legs.lat[0], legs.lon[1], legs.lat[1]]))
+    if not tasking.manner.plain:
+        return subareas.degrees(math.atan2(east, north))
+    ahead = math.sin(tasking.orientation) * float(east) + math.cos(tasking.orientation) * float(north) >= 0
+    return subareas.degrees(tasking.orientation + (0 if ahead else math.pi))
+
+
+def _short(time: np.datetime64) -> str:
+    return f"{notation.group(time)[:6]}Z"

@@ -1,0 +1,197 @@
+"""report.html: the leaves of a run with the files that they are read from, in one page that asks for nothing from outside.
+
+The map is OpenLayers', shipped as it is published. The page's policy (Content-Security-Policy) allows its own scripts, by their
+digests, and no connection. What comes from a case stands in JSON and reaches the page as text, never as markup.
+"""
+
+import base64
+import hashlib
+import html
+import json
+import math
+import re
+from collections.abc import Sequence
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from drift.products.files import formats, geojson
+from drift.products.maps import gazetteer
+from drift.products.maps.imprint import Setting
+from drift.products.report import leaves as records
+from drift.products.report import packed
+from drift.products.report.leaves import Leaf
+from geo import notation, sphere
+from geo.array import Array
+from geo.box import Box
+
+SCRIPTS = ("ol.js", "unpack.js", "projection.js", "graticule.js", "looks.js", "tables.js", "layers.js", "page.js")
+STYLES = ("ol.css", "page.css")
+CARRIED = {".geojson", ".csv", ".txt", ".toml", ".gpx", ".kml", ".json"}  # files that the page has in itself
+LARGEST = 4_000_000  # [characters] of a file as it is carried; a larger one is a link
+MERCATOR_UP_TO = 75.0  # [deg] latitude, as the charts of drift.products.maps.chart
+FINE = 1 / 6000  # of the map's size: detail of the shoreline
+FINEST = 1e-4  # [deg]
+PLACES = 40  # named at most
+AROUND = 0.5  # of the map's size: land that is carried beyond each side
+
+
+def write(path: Path, leaves: Sequence[Leaf], on: Setting, warnings: Sequence[str]) -> None:
+    """Write the page of a run beside its other files."""
+    folder = path.parent
+    box = _box(leaves, on, folder)
+    leaves = [*leaves, _places(box)]
+    stamped = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    carried, beside = _files(folder, {name for leaf in leaves for name in _read_by(leaf)})
+    about = {
+        "title": on.imprint.title,
+        "caution": on.imprint.caution,
+        "warnings": list(warnings),
+        "source": on.imprint.footer,
+        "attributes": {name: stamped[name] for name in ("run_id", "versions", "date_created")},
+        "opens": None if on.opens is None else int(notation.epochs(on.opens)),
+        "projection": _projection(box),
+        "land": packed.text(json.dumps(_land(on, box), separators=(",", ":")).encode()),
+        "leaves": list(leaves),
+        "files": carried,
+        "beside": beside,
+    }
+    data = json.dumps(formats.plain(about), allow_nan=False, separators=(",", ":"))
+    path.write_text(_filled(on.imprint.title, data), encoding="utf-8", newline="\n")
+
+
+def _places(box: Box) -> Leaf:
+    """Return names of towns and harbours."""
+    drawn = [
+        geojson.feature(geojson.point(place.lon, place.lat), {"name": place.name})
+        for place in gazetteer.around(box.grown(0.3 * (box.east - box.west), 0.3 * (box.north - box.south)), PLACES)
+    ]
+    return records.features("Towns and harbours", drawn, "place", label="name")
+
+
+def _read_by(leaf: Leaf) -> list[str]:
+    """Return the files of the run that a leaf is read from."""
+    graded = leaf.get("graded") or {}
+    return [name for name in (leaf.get("file"), graded.get("file")) if name]
+
+
+def _box(leaves: Sequence[Leaf], on: Setting, folder: Path) -> Box:
+    """Return the box of all that the page shows, by its maps, its framed shapes, and where the run began."""
+    around = on.marks[0].lon if on.marks else None
+    places: list[Array] = [np.array([[mark.lon, mark.lat] for mark in on.marks]).reshape(-1, 2)]
+    places += [np.column_stack([line.lon, line.lat]) for line in on.lines]
+    for leaf in leaves:
+        if leaf["leaf"] == "maps":
+            axes = [
+                leaf[name]["first"] + leaf[name]["step"] * np.array([0, leaf[name]["size"]]) for name in ("lon", "lat")
+            ]
+            around = float(axes[0].mean())
+            places.append(np.column_stack(axes))
+        elif leaf.get("frame"):
+            parts = leaf.get("features") or json.loads((folder / leaf["file"]).read_text(encoding="utf-8"))["features"]
+            places += [_coordinates(part["geometry"]["coordinates"]) for part in parts]
+    every = np.concatenate(places)
+    every = every[np.isfinite(every).all(axis=1)]
+    if not len(every):
+        return Box(-180.0, -60.0, 180.0, 60.0)
+    lon = sphere.near_degrees(every[:, 0], float(every[0, 0]) if around is None else around)
+    west, east = float(lon.min()), float(lon.max())
+    if east - west >= 360:
+        west, east = -180.0, 180.0
+    return Box(west, float(every[:, 1].min()), east, float(every[:, 1].max()))
+
+
+def _coordinates(nested: Any) -> Array:
+    """Return the points of a geometry's coordinates, a position or lists of them at any depth, (n, 2)."""
+    points = [nested]
+    while points and isinstance(points[0][0], (list, tuple)):
+        points = [part for parts in points for part in parts if part]
+    return np.array(points, float).reshape(-1, 2)
+
+
+def _projection(box: Box) -> dict[str, Any]:
+    """Return how the page's map is projected, as charts are: drift.products.maps.chart."""
+    lon, lat = (box.west + box.east) / 2, (box.south + box.north) / 2
+    flat = max(abs(box.south), abs(box.north)) <= MERCATOR_UP_TO and box.east - box.west < 180
+    extent = [box.west, box.south, box.east, box.north]
+    return {"kind": "mercator" if flat else "azimuthal", "lon": sphere.wrap_degrees(lon), "lat": lat, "extent": extent}
+
+
+def _land(on: Setting, box: Box) -> list[list[list[int]]]:
+    """Return rings of land round the map, as whole steps of FINEST degrees, each point told from the one before."""
+    high, wide = box.north - box.south, box.east - box.west
+    grown = Box(
+        box.west - AROUND * wide,
+        max(box.south - AROUND * high, -90.0),
+        box.east + AROUND * wide,
+        min(box.north + AROUND * high, 90.0),
+    )
+    if grown.east - grown.west >= 360:
+        grown = Box(-180.0, grown.south, 180.0, grown.north)
+    shapes = np.array(list(on.polygons(grown)), dtype=object)
+    if not len(shapes):
+        return []
+    fine = max(FINEST, max(high, wide * math.cos(math.radians((box.south + box.north) / 2))) * FINE)
+    middle = (grown.west + grown.east) / 2
+    rings = []
+    for turn in (-360, 0, 360):
+        cut = shapely.clip_by_rect(shapes, grown.west + turn, grown.south, grown.east + turn, grown.north)
+        cut = shapely.simplify(cut, fine, preserve_topology=False)
+        parts = shapely.get_parts(shapely.get_parts(cut))
+        for part in parts[~shapely.is_empty(parts)]:
+            if part.geom_type == "Polygon":
+                found = [np.array(ring.coords) - (turn, 0) for ring in (part.exterior, *part.interiors)]
+                rings.append([_steps(ring - (middle, 0)) for ring in found])
+    return rings
+
+
+def _steps(ring: Array) -> list[int]:
+    whole = np.rint(ring / FINEST).astype(np.int64)
+    return np.diff(whole, axis=0, prepend=np.zeros((1, 2), np.int64)).ravel().tolist()
+
+
+def _files(folder: Path, needed: set[str]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Return the files that the page carries, and those beside it; all that its leaves need are carried."""
+    carried, beside = {}, []
+    for path in sorted(folder.iterdir()):
+        size = path.stat().st_size
+        if path.suffix in CARRIED and path.name != "manifest.json":
+            packed_text = packed.text(path.read_bytes())
+            if path.name in needed or len(packed_text) <= LARGEST:
+                carried[path.name] = {"bytes": size, "data": packed_text}
+                continue
+        beside.append({"name": path.name, "bytes": size})
+    return carried, beside
+
+
+@cache
+def _asset(name: str) -> str:
+    return resources.files("drift.products.report").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def _script(name: str) -> str:
+    """Return a script as it may stand in a page."""
+    text = re.sub(r"^//# sourceMappingURL=.*$", "", _asset(name), flags=re.MULTILINE)
+    return text.replace("</script", "<\\/script")
+
+
+def _filled(title: str, data: str) -> str:
+    """Return the page's markup with its styles, scripts and data."""
+    scripts = [_script(name) for name in SCRIPTS]
+    digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
+    policy = (
+        f"default-src 'none'; script-src {digests}; style-src 'unsafe-inline'; img-src data: blob:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+    parts = {
+        "policy": policy,
+        "title": html.escape(title),
+        "styles": "\n".join(f"<style>{_asset(name)}</style>" for name in STYLES),
+        "data": data.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"),
+        "scripts": "\n".join(f"<script>{script}</script>" for script in scripts),
+    }
+    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], _asset("page.html"))

@@ -1,0 +1,1 @@
+"""Many objects released by one event: simulated spills, finds, washup and origin."""

@@ -1,0 +1,480 @@
+"""Where and when a spill was released, proposed by a run backward in time from its finds.
+
+As a function of the release (x, t), the density p(find | x, t) obeys the backward Kolmogorov equation. With s the time
+before the find it reads dp/ds = v . grad p + D lap p. Particles moved by -v with diffusion D have a density rho with
+drho/ds = div(v rho) + D lap rho. The two differ by div(v) p, so p is rho with log weights -integral of div(v) ds along
+the tracks (Thomson 1987, doi:10.1017/S0022112087001940; Flesch et al. 1995,
+doi:10.1175/1520-0450(1995)034<1320:BTLSDM>2.0.CO;2, for flows without divergence). Errors of current and wind and jibes
+are reversible in time, so backward they follow the same laws.
+
+Backward worlds share factors of windage and errors of the current, but no release: the release lies on a grid. Within a
+world, finds are independent given the release, so their densities multiply. The product is then averaged over worlds.
+
+The answer is the forward posterior (drift.spills.worlds.finds); this is a proposal where to look, because it leaves out:
+- the chance that the other objects were missed (1 - u), and with it what finds say of the readiness to report. Where
+  many objects are not found, leaving it out draws the release towards the finds: a release near them would have given
+  more of them;
+- the flux onto a shore. The density at d = tracks.OFFING off the shore stands for it. Off a straight shore their ratio
+  goes as sinh(z) / z, z = x d / (2 D t), where x is the distance at a time t before the arrival: releases come out too
+  far and too late by d where z is large (hardly any diffusion), and by next to nothing where it is below a half;
+- the width of the kernels that turn particles into densities (`_smooth`). Where particles are not spread normally it
+  shifts the mean, for arrivals at a straight shore by 2 to 3 % of a standard deviation a find;
+- refloating and sliding: a track that meets the coast ends there.
+All objects are taken to go adrift when half of `release_duration` is over. A find that may be false has, if it is
+false, the density of one that is equally likely to come from anywhere in the box of the prior.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from drift.engine.environment import domain
+from drift.engine.environment.environment import Environment
+from drift.engine.motion import models, simulate, step_size
+from drift.engine.motion.ensemble_spec import EnsembleSpec
+from drift.engine.motion.forcing import Forcing
+from drift.engine.motion.period import ClockSpec, Period
+from drift.engine.motion.scene import Scene
+from drift.engine.motion.simulate import Progress
+from drift.engine.particles import partials, weights
+from drift.engine.particles.ensemble import Ensemble
+from drift.engine.particles.status import Status
+from drift.forecast import effective
+from drift.forecast.effective import Count
+from drift.spills.backtrack import tracks
+from drift.spills.backtrack.tracks import Beaches, Group
+from drift.spills.worlds import worlds as drawn_worlds
+from drift.spills.worlds.records import Spill
+from drift.spills.worlds.worlds import Worlds
+from geo import notation, sphere
+from geo.array import Array, Real
+from geo.coast import edges as shoreline
+from geo.coast.segments import Segments
+from geo.errors import UserError
+from kernels.maths import noise
+from kernels.maths.noise import Purpose
+from kernels.step import advance
+from kernels.step import coast as device_coast
+
+DRAWS = 2**19  # from the prior, to count its share in every cell
+TAIL = 1e-4  # share of the prior that lies beyond each side of the grid
+SMALLEST = 10.0  # [m] side of a cell
+POINT = 1e-4  # [deg] width of the only cell where all releases are at one longitude or latitude
+FINEST = 0.6  # [cells] narrowest kernel: a normal curve of this width is summed over the centres of cells to 0.2 %
+CUT = 6.0  # widths beyond which a kernel counts as zero: 2e-9 of its mass lies there
+LEAST = 1.0001 * np.exp(-(CUT**2) / 2)  # height of a kernel there, with room for rounding
+BATCH = 100  # worlds whose densities are computed at once, to bound the memory
+SECOND = np.timedelta64(1, "s")
+ROUGH = "place and time are rough"
+LITTLE = 0.25  # [bit] below which finds are said to tell nothing: a normal law moved by half its width has 0.18
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Release place and time on a grid; prior and probability have shape (time, lat, lon) and sum 1."""
+
+    lon: Real  # [deg] centres of cells, without a jump at the antimeridian, so they may leave -180..180
+    lat: Real
+    time: npt.NDArray[np.datetime64]  # [s] centres of equal parts of the release window
+    prior: Real
+    probability: Real
+    mean: tuple[float, float, float]  # lon, lat [deg], time [s since 1970]
+    std: tuple[float, float, float]  # east, north [m], time [s]
+    error: tuple[float, float, float]  # standard error of the mean by the delta method over worlds: [m], [m], [s]
+    worlds: int
+    effective: float  # number of worlds that still count after the finds
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """The cells of place and time, and the prior in them."""
+
+    lon: Real
+    lat: Real
+    time: npt.NDArray[np.int64]  # [s since 1970]
+    prior: Real
+    side: float  # [m] of a cell
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Middle (lon, lat) [deg], about which the map is a plane."""
+        return float(self.lon[[0, -1]].mean()), float(self.lat[[0, -1]].mean())
+
+    def plane(self, lon: Array, lat: Array) -> tuple[Array, Array]:
+        """Return (x, y) [m] of places [deg] on a plate carree that is true at the middle."""
+        lon0, lat0 = self.centre
+        east = np.radians(sphere.wrap_degrees(lon - lon0)) * (sphere.RADIUS * np.cos(np.radians(lat0)))
+        return east, np.radians(lat - lat0) * sphere.RADIUS
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """How finely an origin is resolved: worlds x per_find particles go back from each find."""
+
+    worlds: int = 500
+    per_find: int = 200
+    cells: int = 64  # along the longer side of the grid
+    times: int = 24  # parts of the release window
+
+
+def backward(
+    spill: Spill,
+    spec: EnsembleSpec,
+    clock_spec: ClockSpec,
+    where: Environment,
+    segments: Segments | None,
+    stretch: Sequence[int],
+    resolution: Resolution = Resolution(),
+    progress: Progress | None = None,
+) -> Origin:
+    """Return where and when the objects found may have been released.
+
+    spec: of the forward run. stretch: the segment of each of the spill's finds (drift.spills.worlds.evidence.place), -1 at sea;
+    segments: None if all are. Raises UserError without finds, and where no release that is allowed leads to them.
+    """
+    if not spill.finds:
+        raise UserError("no finds: nothing says where the spill came from; add a [[find]]")
+    rng = noise.generator(spec.seed, Purpose.BACKWARD_PLACES)
+    is_land = partial(shoreline.is_land, where.coast) if where.coast else _nowhere
+    prior_seed = noise.seed_for(spec.seed, Purpose.BACKWARD_PRIOR)
+    grid = _prior_grid(spill, prior_seed, is_land, resolution)
+    world_seed = noise.seed_for(spec.seed, Purpose.BACKWARD_WORLDS)
+    many = len(where.members)
+    count = -(-resolution.worlds // many) * many if many else resolution.worlds  # as many worlds of each member
+    worlds = drawn_worlds.draw(spill, world_seed, is_land, count=count, members=many)
+    latest = max(find.time for find in spill.finds).astype("datetime64[s]")
+    adrift = grid.time + round(spill.release_duration / 2)
+    elapsed = notation.epoch(latest) - adrift  # [s] from the last find back to each release
+    if elapsed.max() <= 0:
+        raise UserError(f"all finds are older than any release: the last one is of {latest} UTC; check [spill] time")
+    backward_spec = replace(spec, period=Period(latest, latest - elapsed.max() * SECOND, -1))
+    beaches = Beaches(where.coast, segments, stretch)
+    ensemble, groups = tracks.begin(backward_spec, spill, worlds, beaches, resolution.per_find, rng)
+    forcing = Forcing(list(where.scenarios), -1)
+    try:
+        shore = device_coast.upload(where.coast) if where.coast else None
+        bias, box = spill.current_bias > 0, domain.binary(where.box)
+        polar = domain.is_polar(where.box)
+        place = advance.Surroundings(box, shore, bias=bias, divergence=True, scheme=clock_spec.scheme, polar=polar)
+        scene = Scene(forcing, models.motions(spec.errors, spec.scenarios), place)
+        clock, _ = step_size.clock_of(backward_spec.period, clock_spec, spec.errors, where.sources, ensemble, scene)
+        order = np.flatnonzero(elapsed > 0)[::-1]  # a run backward meets the latest release first
+        moments = simulate.run(ensemble, scene, clock, elapsed[order], progress)
+        slices = _slices(spill, grid, worlds, groups, ensemble, zip(order, moments, strict=True))
+        return _posterior(spill, grid, worlds.size, slices)
+    finally:
+        forcing.close()
+
+
+def _nowhere(lon: Array, lat: Array) -> Array:
+    return np.zeros(np.shape(lon), bool)
+
+
+def _prior_grid(spill: Spill, seed: int, is_land: drawn_worlds.IsLand, resolution: Resolution) -> _Grid:
+    """Return the grid with the prior in it, counted from many draws.
+
+    Place and time are independent unless the prior is a voyage, so all draws then count for the place at every time.
+    """
+    draws = drawn_worlds.draw(spill, seed, is_land, count=DRAWS)
+    lon, lat = sphere.to_degrees(draws.lon), sphere.to_degrees(draws.lat)
+    lon = sphere.near_degrees(lon, lon[0])
+    (west, east), (south, north) = (np.quantile(x, (TAIL, 1 - TAIL)) for x in (lon, lat))
+    degree = np.radians(sphere.RADIUS)  # [m] of latitude
+    width, height = (east - west) * degree * np.cos(np.radians((south + north) / 2)), (north - south) * degree
+    side = max(width / resolution.cells, height / resolution.cells, SMALLEST)
+    axes = []
+    for low, high, length in ((west, east, width), (south, north, height)):
+        n = max(int(np.ceil(length / side - 1e-6)), 1)
+        step = (high - low) / length * side if length > 0 else POINT
+        axes.append((low + high) / 2 + step * (np.arange(n + 1) - n / 2))
+    first, last = notation.epoch(spill.prior.release_start), notation.epoch(spill.prior.release_end)
+    one_time = np.array([first - 0.5, first + 0.5])
+    time_edges = np.linspace(first, last, resolution.times + 1) if last > first else one_time
+    counts = np.histogramdd((draws.release, lat, lon), (time_edges, axes[1], axes[0]))[0]
+    if not spill.prior.moving:
+        counts = np.broadcast_to(counts.mean(axis=0), counts.shape)
+    lon_centre, lat_centre, time_centre = ((x[1:] + x[:-1]) / 2 for x in (*axes, time_edges))
+    return _Grid(lon_centre, lat_centre, np.rint(time_centre).astype(np.int64), counts / counts.sum(), side)
+
+
+@dataclass(frozen=True)
+class _Slice:
+    """What one release time adds to the posterior.
+
+    probability and sums are to be multiplied by exp(log_scale).
+    """
+
+    time: int  # its number on the grid
+    log_scale: float
+    probability: Real  # (ny, nx) prior times the likelihood's mean over worlds
+    sums: Real  # (worlds, 3) of prior times likelihood over the map: times 1, x and y [m]
+    find_mass: Real  # (finds,) prior times likelihood of each find alone, summed over the map
+
+
+def _slices(
+    spill: Spill,
+    grid: _Grid,
+    worlds: Worlds,
+    groups: list[Group],
+    ensemble: Ensemble,
+    moments: Iterator[tuple[int, simulate.Moment]],
+) -> Iterator[_Slice]:
+    """Yield prior times likelihood on the grid, one release time after the other."""
+    gx, gy = grid.plane(grid.lon, grid.lat)
+    for k, moment in moments:
+        density = _find_densities(spill, grid, worlds, groups, ensemble, moment)
+        prior = grid.prior[k]
+        find_mass = np.array([float((prior * _mean(g)).sum()) for g in density])
+        with np.errstate(divide="ignore"):
+            log_likelihood = sum(
+                np.log((1 - find.false) * g.astype(np.float64) + find.false)
+                for find, g in zip(spill.finds, density, strict=True)
+            )
+        log_likelihood = np.where(prior > 0, log_likelihood, -np.inf)
+        log_scale = float(log_likelihood.max())
+        if np.isfinite(log_scale):
+            joint = np.exp(log_likelihood - log_scale) * prior
+            sums = np.stack([joint.sum((1, 2)), joint.sum(1) @ gx, joint.sum(2) @ gy], axis=1)
+            yield _Slice(k, log_scale, _mean(joint), sums, find_mass)
+        else:
+            yield _Slice(k, log_scale, np.zeros_like(prior), np.zeros((worlds.size, 3)), find_mass)
+
+
+def _find_densities(
+    spill: Spill, grid: _Grid, worlds: Worlds, groups: list[Group], ensemble: Ensemble, moment: simulate.Moment
+) -> Array:
+    """Return each find's density by world and cell, relative to a uniform one over the box.
+
+    Its shape is (finds, worlds, ny, nx).
+    """
+    gx, gy = grid.plane(grid.lon, grid.lat)
+    # Of a cell: its area in the plane over that on the sphere.
+    area_ratio = (np.cos(np.radians(grid.centre[1])) / np.cos(np.radians(grid.lat)))[:, None]
+    box = grid.side**2 * gx.size * gy.size
+    release = ensemble.release.to_numpy()
+    density = np.zeros((len(spill.finds), worlds.size, gy.size, gx.size), np.float32)
+    log_weight = np.where(moment.status == Status.ADRIFT, ensemble.log_weight.to_numpy(), -np.inf)
+    x, y = grid.plane(sphere.to_degrees(moment.lon), sphere.to_degrees(moment.lat))
+    for group in groups:
+        shape = (worlds.size, group.count)
+        slots = slice(group.first, group.first + shape[0] * shape[1])
+        age = (moment.elapsed - release[slots]).reshape(shape)
+        weight = np.exp(log_weight[slots].astype(np.float64)).reshape(shape) * (group.share / group.count)
+        weight *= tracks.afloat(spill.kinds[group.kind], worlds.sinking[:, group.kind], age)
+        for b in range(0, worlds.size, BATCH):
+            part = slice(b, b + BATCH)
+            density[group.find, part] += box * _smooth(
+                x[slots].reshape(shape)[part], y[slots].reshape(shape)[part], weight[part], gx, gy,
+                grid.side, spill.release_std,
+            )  # fmt: skip
+    density *= area_ratio
+    return density
+
+
+def _mean(values: Array) -> Array:
+    """Return the mean over worlds (W, ...)."""
+    return partials.over_worlds(values) / len(values)
+
+
+def _smooth(x: Real, y: Real, weight: Real, gx: Real, gy: Real, side: float, release_std: float) -> Array:
+    """Return kernel densities [1/m2] of weighted particles, convolved with the scatter, (worlds, ny, nx).
+
+    x, y [m], weight: (worlds, n); gx (nx,), gy (ny,) [m]: where the densities are wanted. Normal product kernels of
+    n^(-1/4) standard deviations, n effective particles, at least as wide as the scatter and FINEST cells. What is wider
+    than the scatter is made up for by drawing the particles in towards their mean, so that variances stay (West 1993).
+
+    Silverman's rule (1986, eq. 4.15), n^(-1/6), suits a map of one world. Here densities are multiplied over finds and
+    then averaged over worlds: the noise of the kernels averages out, their bias stays, and adds up find by find. So
+    they are narrower; but a kernel still holds about n^(1/2) particles, so that noise does not pick the worlds.
+    """
+    total = weight.sum(axis=1, keepdims=True)
+    share = np.divide(weight, total, out=np.zeros_like(weight), where=total > 0)
+    effective_number = 1 / np.maximum((share**2).sum(axis=1, keepdims=True), 1e-12)
+    kernels = []
+    for place, node in ((x, gx), (y, gy)):
+        mean = (share * place).sum(axis=1, keepdims=True)
+        variance = (share * (place - mean) ** 2).sum(axis=1, keepdims=True)
+        width_squared = np.maximum(variance * effective_number ** (-1 / 2), max(release_std, FINEST * side) ** 2)
+        shrinkage = np.sqrt(np.clip(1 - (width_squared - release_std**2) / np.maximum(variance, 1e-6), 0, 1))
+        width = np.sqrt(width_squared)
+        shrunk = ((mean + shrinkage * (place - mean)) / width).astype(np.float32)
+        bell = shrunk[..., None] - (node / width).astype(np.float32)[:, None]
+        bell *= bell
+        np.exp(np.minimum(bell, CUT**2, out=bell) * np.float32(-0.5), out=bell)
+        bell *= bell > LEAST  # denormal float32 numbers would take a hundred times as long
+        kernels.append(bell / (width * np.sqrt(2 * np.pi)).astype(np.float32)[..., None])
+    return np.asarray(np.matmul((kernels[1] * weight[..., None].astype(np.float32)).transpose(0, 2, 1), kernels[0]))
+
+
+def _posterior(spill: Spill, grid: _Grid, worlds: int, by_time: Iterator[_Slice]) -> Origin:
+    """Return the posterior of all release times together."""
+    slices = list(by_time)
+    find_mass = np.sum([s.find_mass for s in slices], axis=0)
+    for find, mass in zip(spill.finds, find_mass, strict=True):
+        if mass <= 0 and find.false == 0:
+            raise UserError(
+                f"{find.name}: no release that [spill] allows leads there, by {len(slices)} times of release and the "
+                "tracks back from it; check its place and time, widen the release, or make [domain] larger"
+            )
+    top = max(s.log_scale for s in slices)
+    if not np.isfinite(top):
+        raise UserError(
+            "the finds exclude each other: each could come from a release that [spill] allows, but no release leads to "
+            "all; check their times, raise windage_bias or current_bias, or give false = a probability to the odd one"
+        )
+    probability, sums = np.zeros(grid.prior.shape), np.zeros((worlds, 4))
+    time0 = int(grid.time[0])
+    for s in slices:
+        factor = np.exp(s.log_scale - top)
+        probability[s.time] = factor * s.probability
+        sums[:, :3] += factor * s.sums
+        sums[:, 3] += factor * s.sums[:, 0] * (grid.time[s.time] - time0)
+    total = sums[:, 0].sum()
+    mean = sums[:, 1:].sum(axis=0) / total
+    residual = sums[:, 1:] - mean * sums[:, :1]  # the mean is a ratio of sums: what each world adds to its error
+    error = np.sqrt((residual**2).sum(axis=0) * worlds / max(worlds - 1, 1)) / total
+    probability /= probability.sum()
+    gx, gy = grid.plane(grid.lon, grid.lat)
+    spread = [
+        float(np.sqrt(((axis - m) ** 2 * probability.sum(axis=others)).sum()))
+        for axis, m, others in zip((gx, gy, grid.time - time0), mean, ((0, 1), (0, 2), (1, 2)), strict=True)
+    ]
+    lon = grid.centre[0] + np.degrees(mean[0] / (sphere.RADIUS * np.cos(np.radians(grid.centre[1]))))
+    return Origin(
+        lon=grid.lon,
+        lat=grid.lat,
+        time=grid.time.astype("datetime64[s]"),
+        prior=grid.prior,
+        probability=probability,
+        mean=(float(lon), float(grid.centre[1] + np.degrees(mean[1] / sphere.RADIUS)), float(time0 + mean[2])),
+        std=(spread[0], spread[1], spread[2]),
+        error=(float(error[0]), float(error[1]), float(error[2])),
+        worlds=worlds,
+        effective=weights.effective(sums[:, 0]),
+    )
+
+
+def count(origin: Origin) -> Count:
+    """Return how many of the worlds count."""
+    return Count(origin.effective, origin.worlds, "worlds")
+
+
+def warnings(origin: Origin) -> list[str]:
+    """Return warnings of what is not reliable in an origin."""
+    few_worlds = effective.sentence(count(origin), "after the finds", f"{ROUGH}; look for a find that fits no other")
+    told = [few_worlds] if count(origin).few else []
+    return told + ([nothing_new(origin)] if information(origin) < LITTLE else [])
+
+
+def information(origin: Origin) -> float:
+    """Return what the finds say beyond the prior of the release [bit]: the posterior's divergence from it.
+
+    Kullback and Leibler 1951, doi:10.1214/aoms/1177729694.
+    """
+    there = origin.probability > 0
+    share, before = origin.probability[there], origin.prior[there]
+    return max(float((share * np.log2(share / before)).sum()), 0.0)
+
+
+def nothing_new(origin: Origin) -> str:
+    """Return in words that the finds leave the release as it was."""
+    return (
+        f"the finds say next to nothing of the release beyond what the case gave ({information(origin):.2f} bit): place and "
+        "time are those of [spill], and no result of these finds; to learn from them give a wider area, or more finds"
+    )
+
+
+def dataset(origin: Origin) -> xr.Dataset:
+    """Return prior and posterior probability by time, lat and lon, with what a reader needs to know."""
+    dims = ("time", "lat", "lon")
+    return xr.Dataset(
+        {
+            "probability": (
+                dims,
+                origin.probability,
+                {"long_name": "posterior probability of the release", "units": "1"},
+            ),
+            "prior": (dims, origin.prior, {"long_name": "prior probability of the release", "units": "1"}),
+        },
+        {
+            "time": (
+                "time",
+                origin.time.astype("datetime64[ns]"),
+                {"standard_name": "time", "long_name": "time of release, UTC", "axis": "T"},
+            ),
+            "lat": ("lat", origin.lat, _axis("latitude", "Y", "degrees_north")),
+            "lon": ("lon", origin.lon, _axis("longitude", "X", "degrees_east")),
+        },
+        {
+            "title": "Release of a spill, proposed by tracks back from its finds",
+            "summary": "Where and when a spill may have been released, by cells and times: before and after its finds.",
+            "comment": "a proposal where to look; the forward posterior is the answer",
+            "worlds": origin.worlds,
+            "effective_worlds": origin.effective,
+        },
+    )
+
+
+def _axis(name: str, axis: str, units: str) -> dict[str, str]:
+    return {"standard_name": name, "long_name": f"{name} of the cell's centre", "axis": axis, "units": units}
+
+
+def edges(centres: Real) -> Real:
+    """Return the edges [deg] of cells of equal width by their centres, shape (n + 1,).
+
+    A single cell is POINT wide.
+    """
+    step = centres[1] - centres[0] if centres.size > 1 else POINT
+    return np.append(centres - step / 2, centres[-1] + step / 2)
+
+
+def cell_area(origin: Origin) -> Real:
+    """Return the area [m2] of a cell of each row, R^2 dlon (sin lat2 - sin lat1), shape (nlat,)."""
+    width = np.radians(edges(origin.lon)[1] - edges(origin.lon)[0])
+    return np.asarray(sphere.RADIUS**2 * width * np.diff(np.sin(np.radians(edges(origin.lat)))))
+
+
+def summary(origin: Origin) -> dict[str, float | str]:
+    """Return the release in figures by column: mean, radii and areas by share, times by quantile.
+
+    A radius is about the mean position; an area is the smallest that holds the share, to a cell.
+    """
+    place, when = origin.probability.sum(axis=0), origin.probability.sum(axis=(1, 2))
+    lon, lat = np.meshgrid(origin.lon, origin.lat)
+    centre = np.radians(origin.mean[:2])
+    distance = sphere.distance(centre[0], centre[1], np.radians(lon), np.radians(lat)).ravel()
+    area = np.broadcast_to(cell_area(origin)[:, None], place.shape)
+    row: dict[str, float | str] = {
+        "lon_deg": float(sphere.wrap_degrees(origin.mean[0])),
+        "lat_deg": origin.mean[1],
+        "time": _utc(origin.mean[2]),
+        "east_std_km": origin.std[0] / 1000,
+        "north_std_km": origin.std[1] / 1000,
+        "time_std_h": origin.std[2] / 3600,
+        "east_error_km": origin.error[0] / 1000,
+        "north_error_km": origin.error[1] / 1000,
+        "time_error_h": origin.error[2] / 3600,
+    }
+    nearest = np.argsort(distance, kind="stable")
+    densest = np.argsort(-(place / area).ravel(), kind="stable")
+    for share in (50, 90):
+        k, m = (int(np.searchsorted(np.cumsum(place.ravel()[o]), share / 100 - 1e-12)) for o in (nearest, densest))
+        row[f"radius_{share}_km"] = float(distance[nearest[min(k, nearest.size - 1)]]) / 1000
+        row[f"area_{share}_km2"] = float(area.ravel()[densest[: m + 1]].sum()) / 1e6
+    seconds = notation.epochs(origin.time)
+    half = (seconds[1] - seconds[0]) / 2 if seconds.size > 1 else 0.0
+    time_edges = np.concatenate([seconds - half, [seconds[-1] + half]])
+    cumulative = np.concatenate([[0.0], np.cumsum(when)])
+    for share in (10, 50, 90):
+        row[f"time_{share}"] = _utc(float(np.interp(share / 100, cumulative, time_edges)))
+    row["information_bit"] = information(origin)
+    row["worlds"], row["effective_worlds"] = float(origin.worlds), origin.effective
+    return row
+
+
+def _utc(seconds: float) -> str:
+    return f"{np.datetime64(round(seconds), 's')}Z"

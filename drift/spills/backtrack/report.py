@@ -1,0 +1,33 @@
+"""What report.html shows of a backward run: where the release may have been, by its time, and how sure that is."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drift.products.maps.marks import Mark
+from drift.products.report import leaves
+from drift.products.report.leaves import Leaf
+from drift.spills.backtrack import backward, text
+from drift.spills.backtrack.backward import Origin
+
+
+def of(origin: Origin, finds: Sequence[Mark]) -> list[Leaf]:
+    """Return the leaves of a backward run and of its finds."""
+    area = np.broadcast_to(backward.cell_area(origin)[:, None], origin.probability.shape[1:])
+    whole = np.broadcast_to(origin.probability.sum(axis=0), origin.probability.shape)
+    stories = {
+        "At any time": whole,
+        "In this interval": origin.probability,
+        "In this interval, before the finds": origin.prior,
+    }
+    top = float((whole / area).max(initial=0.0)) or 1.0
+    return [
+        leaves.maps(
+            "Release", origin.time, origin.lon, origin.lat, stories, area, [top] * len(origin.time)
+        ),
+        leaves.marked("Finds", finds, (), "find", frame=True),
+        leaves.table(
+            "Release", [("", "Figure", "words"), ("", "Value", "words")], rows=[[name.capitalize(), words] for name, words in text.facts(backward.summary(origin)).items()],
+            note="A proposal where to look: the answer is a forward run weighted by the finds.",
+        ),
+    ]  # fmt: skip

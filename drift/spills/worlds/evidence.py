@@ -1,0 +1,191 @@
+"""Finds and patrols of a case, put on the stretches of a coast: what the likelihood is made of.
+
+Raises UserError for what cannot be.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from drift.engine.motion.period import Period
+from drift.spills.worlds import exposure, finds
+from drift.spills.worlds.records import Find, Patrol, Reporting, Spill
+from drift.spills.worlds.worlds import Worlds
+from geo import notation, sphere
+from geo.coast import edges as shoreline
+from geo.coast import land_masses
+from geo.coast import segments as stretches
+from geo.coast.edges import Coast
+from geo.coast.segments import Segments
+from geo.errors import UserError
+
+NUMBERS = 25  # most values over which an uncertain number of objects is summed
+FARTHEST = 3000.0  # [m] off the shoreline that a find may be stated to lie
+SHARES = 41  # values of the share destroyed over which is summed
+ABREAST = 3000.0  # [m] off the straight line between a patrol's ends that a stretch's middle may lie
+
+
+def cut(spill: Spill, coast: Coast) -> Segments:
+    """Return the stretches of coast by which a spill is reported: the user's, or equal ones; each on its land mass.
+
+    Raises UserError for a file of stretches that cannot be used, and for a bridge that ends far from land.
+    """
+    land = land_masses.build(coast.polygons, spill.bridges, coast.cut)
+    if spill.stretches is not None:
+        segments = stretches.named(coast, spill.stretches, spill.stretch)
+    else:
+        segments = stretches.cut(coast, spill.stretch)
+    access = tuple(kind or spill.reporting.coast for kind in segments.access)
+    mass = land_masses.of_stretches(land, coast, segments.of_edge, len(segments.name))
+    return replace(segments, access=access, land=land, mass=mass)
+
+
+def build(period: Period, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds) -> finds.Known:
+    """Return what is known of a spill.
+
+    Raises UserError for finds and patrols that are not where they can be.
+    """
+    walks, places = _placed(spill, segments, coast)
+    patrols = tuple(
+        exposure.Walk(walk, period.elapsed(patrol.time), patrol.detection)
+        for walk, patrol in zip(walks, spill.patrols, strict=True)
+    )
+    kinds, names = [kind.name for kind in spill.kinds], [patrol.name for patrol in spill.patrols]
+    detections = [
+        finds.Detection(
+            find.name,
+            kinds.index(find.kind) if find.kind is not None else None,
+            finds.AtSea(find.lon, find.lat, find.radius, 1.0) if where < 0 else where,
+            period.elapsed(find.time),
+            find.latest,
+            names.index(find.by) if find.by is not None else None,
+            find.false,
+        )
+        for find, where in zip(spill.finds, places, strict=True)
+    ]
+    last = max([find.time for find in detections] + [patrol.time for patrol in patrols], default=0)
+    until = spill.reporting.until
+    return finds.Known(
+        _numbers(spill),
+        tuple(detections),
+        patrols,
+        exposure.Reporting(rates(spill.reporting, segments), spill.reporting.removal, worlds.reporting),
+        segments.length,
+        float(last if until is None else period.elapsed(until)),
+    )
+
+
+def _placed(spill: Spill, segments: Segments, coast: Coast) -> tuple[list[tuple[int, ...]], list[int]]:
+    """Return the stretches that each patrol walked, and that of each find (-1: at sea)."""
+    walks = [tuple(walked(patrol, segments)) for patrol in spill.patrols]
+    names = [patrol.name for patrol in spill.patrols]
+    places = [place(find, segments, coast) for find in spill.finds]
+    for find, where in zip(spill.finds, places, strict=True):
+        if find.by is not None and where not in walks[names.index(find.by)]:
+            raise UserError(
+                f'{find.name}: found by patrol "{find.by}" on stretch "{segments.name[where]}", '
+                "where that patrol did not go"
+            )
+    return walks, places
+
+
+def _numbers(spill: Spill) -> finds.Numbers:
+    """Return how many objects there are and what share was destroyed, on grids: each value equally likely."""
+    low, high = spill.objects
+    objects = np.unique(np.rint(np.linspace(low, high, min(high - low + 1, NUMBERS))).astype(np.int64))
+    least, most = spill.destroyed
+    share = (np.arange(SHARES) + 0.5) / SHARES * (most - least) + least if most > least else np.array([least])
+    return finds.Numbers(
+        objects,
+        np.full(objects.size, 1 / objects.size),
+        np.array([kind.share for kind in spill.kinds]),
+        share,
+        np.full(share.size, 1 / share.size),
+    )
+
+
+def rates(reporting: Reporting, segments: Segments) -> npt.NDArray[np.float64]:
+    """Return how soon an object lying on each stretch is reported [1/s], by its kind of shore."""
+    kinds = [kind or reporting.coast for kind in segments.access]
+    for kind, name in zip(kinds, segments.name, strict=True):
+        if kind not in reporting.rate:
+            rated = ", ".join(reporting.rate)
+            raise UserError(
+                f'stretch "{name}": its kind of shore "{kind}" has no reporting rate; '
+                f"[spill.reporting] rate knows {rated}"
+            )
+    return np.array([reporting.rate[kind] for kind in kinds])
+
+
+def place(find: Find, segments: Segments, coast: Coast) -> int:
+    """Return the stretch on which a find lies; -1 at sea.
+
+    Raises UserError for a find off the coast, with the nearest coast and how far it is.
+    """
+    if find.stretch is not None:
+        return named(find.stretch, find.name, segments)
+    binary = sphere.to_binary([find.lon]), sphere.to_binary([find.lat])
+    land = bool(shoreline.is_land(coast, *binary)[0])
+    if find.at_sea:
+        if land:
+            raise UserError(
+                f"{find.name}: {notation.stated_position(find.lon, find.lat)} is not at sea but on land; "
+                "leave out at_sea, or move it"
+            )
+        return -1
+    near = shoreline.nearest_coast(coast, find.lon, find.lat)
+    if near is None:
+        raise UserError(
+            f"{find.name}: {notation.stated_position(find.lon, find.lat)} lies far from any coast of the domain; move it, or "
+            "widen [domain]"
+        )
+    if near[2] > FARTHEST:
+        where = "inland" if land else "off the coast"
+        cure = "move it" if land else "move it, or say at_sea = true"
+        raise UserError(
+            f"{find.name}: {notation.stated_position(find.lon, find.lat)} lies {near[2] / 1000:.1f} km {where}; the nearest "
+            f"coast is at {notation.position(near[0], near[1])}, and a find ashore lies within "
+            f"{FARTHEST / 1000:.0f} km of it; {cure}"
+        )
+    return stretches.nearest(segments, coast, find.lon, find.lat)[0]
+
+
+def named(name: str, place: str, segments: Segments) -> int:
+    """Return the number of a stretch by its name, its id or its number."""
+    import difflib
+
+    if name in segments.name:
+        return segments.name.index(name)
+    if (found := stretches.placed(segments, name)) is not None:
+        return found
+    number = name.removeprefix("stretch ")
+    if number.isdecimal() and int(number) < len(segments.name):
+        return int(number)  # the picture and the tables number stretches so
+    near = difflib.get_close_matches(name, segments.name, n=1, cutoff=0.5)
+    hint = f'; nearest is "{near[0]}"' if near else ""
+    raise UserError(f'{place}: no stretch "{name}"{hint}; a run without it lists those touched in washup.csv')
+
+
+def walked(patrol: Patrol, segments: Segments) -> Sequence[int]:
+    """Return the stretches that a patrol searched.
+
+    They are those named, or those beside the straight line between its ends.
+    """
+    if patrol.ends is None:
+        return [named(name, f'patrol "{patrol.name}"', segments) for name in patrol.stretches]
+    (lon, lat), end = patrol.ends
+    start = math.radians(lon), math.radians(lat)
+    x, y = sphere.offset(*start, np.radians(segments.lon), np.radians(segments.lat))
+    to = math.radians(end[0]), math.radians(end[1])
+    line = shapely.LineString([(0, 0), sphere.offset(*start, *to)])
+    chosen = np.flatnonzero(shapely.distance(line, shapely.points(x, y)) < ABREAST)
+    if not chosen.size:
+        raise UserError(
+            f'patrol "{patrol.name}": no stretch has its middle within {ABREAST / 1000:.0f} km of the line between its '
+            f"ends at {notation.group(patrol.time)}; name stretches, or make them shorter ([spill.stretches] length)"
+        )
+    return [int(k) for k in chosen]

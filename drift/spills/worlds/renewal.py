@@ -1,0 +1,307 @@
+"""After a spill's drift: its fates, what the finds say about its worlds, and the washup that follows.
+
+Where the finds leave too few worlds that count, worlds are drawn anew about those that do and the drift is run again:
+this is population Monte Carlo (Cappe et al. 2004, doi:10.1198/106186004X12803). The finds are tempered while worlds are
+chosen, never in the result.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from scipy import special  # stats would take a second to import
+
+from drift.engine.motion.period import Period
+from drift.engine.motion.spool import Spool
+from drift.engine.particles import partials, weights
+from drift.forecast import effective
+from drift.spills.worlds import evidence, finds, realisations, release, unknowns, verdict, washup, worlds
+from drift.spills.worlds.fates import Source
+from drift.spills.worlds.kept import Kept
+from drift.spills.worlds.products import tables as washup_tables
+from drift.spills.worlds.records import Spill
+from drift.spills.worlds.worlds import Proposal, Worlds
+from geo.array import Array, Real
+from geo.coast.edges import Coast
+from geo.coast.segments import Segments
+
+FEWEST = effective.FEW["worlds"]  # effective worlds below which they are drawn anew
+NARROWING = (
+    20.0  # a renewal narrows by this: its proposal is tempered so that so many times fewer worlds count than drawn
+)
+ENOUGH = 10.0  # least effective worlds per latent from which a proposal is made
+WORST = 10  # stretches in the summary
+SOME = 0.1  # objects, least expected on a stretch that is ranked by its number per km in the summary: a rock with few is none
+REALISATIONS = 4  # most complete spills that are drawn in every world
+
+
+@dataclass(frozen=True)
+class Drifted:
+    """A finished run: the particles at its outputs and its end, with the stays on the shore that it has taken down."""
+
+    seed: int
+    snapshots: Spool
+    worlds: Worlds | None = None  # None unless the run is a spill
+
+
+@dataclass(frozen=True)
+class Aftermath:
+    """The results of a spill."""
+
+    period: Period
+    spill: Spill
+    segments: Segments
+    fates: Source  # they can be read as long as the run's files are open
+    worlds: Worlds
+    prior: Worlds  # worlds of the first round
+    posterior: finds.Posterior
+    surprises: tuple[finds.Surprise, ...]
+    washup: xr.Dataset
+    rounds: tuple[float, ...]  # effective worlds in each round
+
+
+def stretches(period: Period, spill: Spill, coast: Coast, drawn: Worlds) -> Segments:
+    """Return the stretches of coast of a spill's figures; raise UserError for finds and patrols that cannot be."""
+    segments = evidence.cut(spill, coast)
+    evidence.build(period, spill, segments, coast, drawn)
+    return segments
+
+
+def settle(
+    period: Period,
+    spill: Spill,
+    coast: Coast,
+    segments: Segments,
+    first: Drifted,
+    renew: Callable[[Proposal, int], Drifted],
+) -> tuple[Drifted, Aftermath]:
+    """Return the run of which the finds leave enough worlds, weighted by the finds, and its aftermath.
+
+    renew: draws worlds anew from a proposal and moves their objects through the run; it takes the number of the
+    renewal too, from 1.
+    """
+    assert first.worlds is not None
+    drifted, drawn, rounds, usual = first, first.worlds, [0.0], None
+    while True:
+        known = evidence.build(period, spill, segments, coast, drawn)
+        fates = kept(period, spill, drifted.snapshots, segments, known)
+        usual = finds.usual(fates, known, drawn.log_weight) if usual is None else usual
+        known = replace(known, usual=usual)
+        posterior = finds.posterior(fates, known, drawn.latent, drawn.log_weight, drawn.member)
+        rounds[-1] = posterior.effective
+        if posterior.effective >= FEWEST or len(rounds) > spill.redraws or not (known.finds or known.patrols):
+            break
+        least = min(max(drawn.size / NARROWING, ENOUGH * len(drawn.names)), drawn.size / 4)
+        # The exponent leads from where these worlds were drawn (0) to where the finds put them (1), never back to the
+        # prior.
+        aim = posterior.log_likelihood + drawn.log_weight
+        about = worlds.around(drawn, weights.shares(finds.tempered(aim, least) * aim))
+        drifted = renew(about, len(rounds))
+        assert drifted.worlds is not None
+        drawn = drifted.worlds
+        rounds.append(0.0)
+    drifted.snapshots.reweigh(_log_weights(fates, posterior))
+    aftermath = Aftermath(
+        period,
+        spill,
+        segments,
+        fates,
+        drawn,
+        first.worlds,
+        posterior,
+        finds.surprises(fates, known, drawn.latent, drawn.log_weight, drawn.member),
+        washup.build(
+            realisations.realise(fates, posterior, drifted.seed, spills(spill)),
+            segments,
+            posterior.weight,
+            _outputs(period, drifted.snapshots),
+            period.start,
+            [kind.name for kind in spill.kinds],
+            spills(spill),
+            drifted.snapshots.folder,
+        ),
+        tuple(rounds),
+    )
+    return drifted, aftermath
+
+
+def kept(period: Period, spill: Spill, snapshots: Spool, segments: Segments, known: finds.Known) -> Kept:
+    """Return what became of every particle by the end of the run, and where it was at the times of finds at sea."""
+    times = _outputs(period, snapshots).tolist()
+    at_sea = {k: times.index(find.time) for k, find in enumerate(known.finds) if isinstance(find.place, finds.AtSea)}
+    return Kept(snapshots, spill.worlds, release.per_world(spill), segments.of_edge, at_sea)
+
+
+def _log_weights(fates: Source, posterior: finds.Posterior) -> Iterator[Array]:
+    """Yield the log weights of what is left, part by part; the largest is 0.
+
+    A world's weight is shared among its particles: by class in proportion to the objects still to be found, and within
+    a class in proportion to each particle's chance of not having been found.
+    """
+    left = finds.remaining(posterior)
+    if not (left * posterior.weight[:, None]).any():  # if all are found, the map shows where they could have been
+        left = np.ones_like(left)
+    shared, largest = unfound(fates, posterior.known)
+    with np.errstate(divide="ignore"):
+        each = np.log(posterior.weight)[:, None] + np.log(left) - np.log(np.maximum(shared, 1e-300))
+    top = (each + np.log(np.maximum(largest, 1e-300))).max()
+    for part in fates.parts():
+        chance = 1 - finds.found(part, posterior.known)
+        log_weight = each[part.world, part.kind] + np.log(np.maximum(chance, 1e-300))
+        yield (log_weight - top).astype(np.float32)
+
+
+def unfound(fates: Source, known: finds.Known) -> tuple[Real, Real]:
+    """Return the sum of the chances of not having been found of a world's particles of a class, and the largest.
+
+    Both are (W, classes).
+    """
+    shared, largest = (np.zeros((fates.worlds, len(fates.counts))) for _ in range(2))
+    for part in fates.parts():
+        chance = 1 - finds.found(part, known)
+        cell = (part.world - part.here.start) * shared.shape[1] + part.kind
+        shared[part.here] = np.bincount(cell, chance, part.many * shared.shape[1]).reshape(part.many, -1)
+        for kind in range(shared.shape[1]):
+            largest[part.here, kind] = chance[part.kind == kind].reshape(part.many, -1).max(axis=1)
+    return shared, largest
+
+
+def _outputs(period: Period, snapshots: Spool) -> npt.NDArray[np.int64]:
+    """Return the times of outputs [s since start]."""
+    return period.seconds(snapshots.time(k) for k in range(len(snapshots)))
+
+
+def spills(spill: Spill) -> int:
+    """Return how many complete spills are drawn in every world."""
+    return int(np.clip(spill.per_world // spill.objects[1], 1, REALISATIONS))
+
+
+def unknown(after: Aftermath) -> dict[str, Any]:
+    """Return the unknowns of a spill, before and after the finds; see drift.spills.worlds.unknowns."""
+    kinds = [kind.name for kind in after.spill.kinds]
+    return unknowns.table(after.worlds, after.prior, after.posterior, after.period.start, kinds)
+
+
+def numbers(after: Aftermath) -> dict[str, Any]:
+    """Return the numbers of a spill for the summary."""
+    data, spill = after.washup, after.spill
+    end = data.isel(time=-1)
+    columns = washup_tables.records(data)
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    dense = sorted((row for row in rows if row["expected"] >= SOME), key=lambda row: row["rank_per_km"])
+    return {
+        "spill": {
+            "objects": list(spill.objects),
+            "worlds": spill.worlds,
+            "particles_per_world": spill.per_world,
+            "effective_worlds": after.posterior.effective,
+            "effective_worlds_by_round": list(after.rounds),
+            "warning": warning(after),
+            "notes": notes(spill),
+            "stretches": len(after.segments.name),
+            "totals": {
+                str(fate): {
+                    "expected": float(end["total"].values[k]),
+                    "standard_error": float(end["total_se"].values[k]),
+                    **{
+                        f"number_{100 * share:.0f}": float(end["total_number"].values[j, k])
+                        for j, share in enumerate(data["quantile"].values)
+                    },
+                }
+                for k, fate in enumerate(data["fate"].values)
+            },
+            "worst_stretches": rows[:WORST],
+            "densest_stretches": dense[:WORST],
+            "patrols": patrols(spill, after.segments),
+            "silence": silence(after),
+            "finds": told(after),
+            "unknowns": unknown(after),
+        }
+    }
+
+
+def told(after: Aftermath) -> list[verdict.Row]:
+    """Return what is told of each find, in order of time."""
+    return verdict.rows(after.spill, after.segments, after.posterior, after.surprises)
+
+
+def silence(after: Aftermath) -> str | None:
+    """Return in words what is taken for granted about what was not found; None without finds and patrols."""
+    return verdict.silence(after.period, after.spill, after.posterior.known.now)
+
+
+def patrols(spill: Spill, segments: Segments) -> list[dict[str, Any]]:
+    """Return the stretches that each patrol counts as having searched, with its time and detection."""
+    rows = []
+    for patrol in spill.patrols:
+        walked = list(evidence.walked(patrol, segments))
+        rows.append(
+            {
+                "name": patrol.name,
+                "time": patrol.time,
+                "detection": patrol.detection,
+                "stretches": [washup_tables.stretch(segments, k) for k in walked],
+                "segments": walked,
+                "length_km": float(segments.length[walked].sum() / 1000),
+            }
+        )
+    return rows
+
+
+def warning(after: Aftermath) -> str | None:
+    """Return the warnings in a sentence; None where all is well."""
+    return "; ".join(warnings(after)) or None
+
+
+def warnings(after: Aftermath) -> list[str]:
+    """Return warnings of finds that do not fit the spill and of too few worlds; empty where all is well."""
+    texts = verdict.odd(told(after))
+    few, many = _odds(after)
+    if min(few, many) < verdict.ODD:
+        how = f"so few had a probability of {few:.1g}" if few < many else f"so many had a probability of {many:.1g}"
+        texts.append(
+            f"the finds ({len(after.posterior.known.finds)}) don't fit the spill: {how} beforehand; "
+            "check the patrols' detection, [spill.reporting] rate and [spill] destroyed before believing the figures"
+        )
+    count = effective.Count(after.posterior.effective, after.spill.worlds, "worlds")
+    if count.few:
+        when = "after the finds" if after.posterior.known.finds else ""
+        texts.append(
+            f"{effective.sentence(count, when, 'figures are rough')}; raise spill.worlds or spill.redraws, or check "
+            "the finds that are called odd"
+        )
+    return texts
+
+
+def _odds(after: Aftermath) -> tuple[float, float]:
+    """Return the probabilities, before any find, of at most so many finds and of at least so many."""
+    posterior, numbers = after.posterior, after.posterior.known.numbers
+    ashore = sum(
+        alien < 0.5 and not isinstance(find.place, finds.AtSea)
+        for find, alien in zip(posterior.known.finds, posterior.alien, strict=True)
+    )
+    if not posterior.known.finds and not posterior.known.patrols:
+        return 1.0, 1.0
+    world = weights.shares(after.worlds.log_weight)
+    share, given = posterior.share @ numbers.shares, numbers.objects_prior[:, None] * numbers.destroyed_prior
+    count, odds = numbers.objects[:, None], np.empty((len(world), 2))
+    for own in finds.together(len(world)):
+        chance = share[own, None, None] * (1 - numbers.destroyed)
+        odds[own, 0] = (given * special.bdtr(np.minimum(ashore, count), count, chance)).sum((1, 2))
+        odds[own, 1] = (given * special.bdtrc(np.minimum(ashore - 1, count), count, chance)).sum((1, 2))
+    few, many = partials.over_worlds(world[:, None] * odds).tolist()
+    return few, many
+
+
+def notes(spill: Spill) -> list[str]:
+    """Return what a reader of the figures must know about their accuracy."""
+    if spill.objects[1] <= spill.per_world:
+        return []
+    return [
+        f"a world has {spill.per_world:,} particles for up to {spill.objects[1]:,} objects: "
+        f"each stands for several, which makes ranges up to {(spill.objects[1] / spill.per_world) ** 0.5:.2f} times "
+        "too wide; raise spill.per_world"
+    ]

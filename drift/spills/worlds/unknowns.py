@@ -1,0 +1,91 @@
+"""The unknowns of a spill, before and after its finds side by side: release, biases, sinking, numbers."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from drift.products.files import formats
+from drift.spills.worlds import finds
+from drift.spills.worlds.worlds import Worlds
+from geo import notation
+from geo.array import Real
+
+SHARES = (0.1, 0.5, 0.9)
+
+
+def table(
+    worlds: Worlds, prior: Worlds, posterior: finds.Posterior, start: np.datetime64, kinds: Sequence[str]
+) -> dict[str, Any]:
+    """Return the unit of each unknown, and its mean and 10/50/90 % quantiles before and after the finds.
+
+    worlds: those weighted by the finds; prior: those first drawn.
+    """
+    rows: dict[str, Any] = {}
+    before, after = _columns(prior, start, kinds), _columns(worlds, start, kinds)
+    even = np.full(prior.size, 1 / prior.size)
+    for name, (unit, values) in before.items():
+        if np.isfinite(values).all() and np.ptp(values) > 0:
+            rows[name] = {
+                "unit": unit,
+                "prior": _figures(values, even),
+                "posterior": _figures(after[name][1], posterior.weight),
+            }
+    numbers = posterior.known.numbers
+    for name, grid, weight, after_finds in (
+        ("number of objects", numbers.objects.astype(float), numbers.objects_prior, posterior.objects),
+        ("share destroyed", numbers.destroyed, numbers.destroyed_prior, posterior.destroyed),
+    ):
+        if grid.size > 1:
+            rows[name] = {"unit": "1", "prior": _figures(grid, weight), "posterior": _figures(grid, after_finds)}
+    return rows
+
+
+def _columns(worlds: Worlds, start: np.datetime64, kinds: Sequence[str]) -> dict[str, tuple[str, Any]]:
+    begin = notation.epoch(start)
+    turn = 360 / 2**32
+    west = int(worlds.lon[0])
+    lon = np.subtract(worlds.lon, np.int32(west)) * turn + west * turn  # without a jump at the antimeridian
+    columns: dict[str, tuple[str, Any]] = {
+        "release longitude": ("deg", lon),
+        "release latitude": ("deg", worlds.lat * turn),
+        "release": ("h after start", (worlds.release - begin) / 3600),
+        "factor on windage": ("1", worlds.windage),
+        "error of the current, east": ("m/s", worlds.current_east),
+        "error of the current, north": ("m/s", worlds.current_north),
+        "factor on reporting rates": ("1", worlds.reporting),
+    }
+    for k, kind in enumerate(kinds):
+        columns[f"time to sink, {kind}"] = ("d", worlds.sinking[:, k] / 86_400)
+    return columns
+
+
+def _figures(values: Real, weight: Real) -> dict[str, float]:
+    order = np.argsort(values)
+    done = np.cumsum(weight[order]) / weight.sum()
+    quantiles = values[order][np.minimum(np.searchsorted(done, SHARES), values.size - 1)]
+    figures = {"mean": float(np.average(values, weights=weight))}
+    return figures | {f"{share:.0%}": float(q) for share, q in zip(SHARES, quantiles, strict=True)}
+
+
+def text(rows: dict[str, Any], worlds: float, run: str) -> str:
+    """Return the table as CSV; worlds: how many count after the finds. run: its run_id, in the last column."""
+    figures = ("mean", *(f"{share:.0%}" for share in SHARES))
+    header = [
+        "unknown",
+        "unit",
+        *(f"{when}_{figure}" for when in ("prior", "posterior") for figure in figures),
+        "effective_worlds",
+        "run_id",
+    ]
+    lines = [
+        [
+            name,
+            row["unit"],
+            *(f"{row[when][figure]:.6g}" for when in ("prior", "posterior") for figure in figures),
+            f"{worlds:.6g}",
+            run,
+        ]
+        for name, row in rows.items()
+    ]
+    return formats.csv_text(header, lines)

@@ -1,0 +1,115 @@
+"""What the finds of a spill came to, one by one: as numbers, as a table and in words; it writes no file."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from drift.engine.motion.period import Period
+from drift.products.files import formats
+from drift.spills.worlds import finds
+from drift.spills.worlds.finds import Detection, Posterior, Surprise
+from drift.spills.worlds.products import tables as washup_tables
+from drift.spills.worlds.records import Spill
+from geo import notation, sphere
+from geo.coast.segments import Segments
+
+ODD = 0.02  # tail probability below which a find is called odd
+COLUMNS = (
+    "number", "name", "time", "not_later_than", "lon_deg", "lat_deg", "position", "stretch", "segment", "class", "by", "false",
+    "probability_beforehand", "tail", "odd", "none_of_ours",
+)  # fmt: skip
+
+Row = dict[str, Any]
+
+
+def rows(spill: Spill, segments: Segments, posterior: Posterior, surprises: Sequence[Surprise]) -> list[Row]:
+    """Return what is told of each find, by COLUMNS, in order of time; finds are numbered as in the case."""
+    known = posterior.known.finds
+    return [
+        _row(number, spill, segments, surprise, float(posterior.alien[number]))
+        for surprise in surprises
+        for number in [known.index(surprise.find)]
+    ]
+
+
+def _row(number: int, spill: Spill, segments: Segments, surprise: Surprise, alien: float) -> Row:
+    find, given = surprise.find, spill.finds[number]
+    segment = None if isinstance(find.place, finds.AtSea) else find.place
+    lon, lat = position(spill, segments, number, find)
+    return {
+        "number": number + 1,
+        "name": find.name,
+        "time": given.time,
+        "not_later_than": find.latest,
+        "lon_deg": float(sphere.wrap_degrees(lon)),
+        "lat_deg": lat,
+        "position": notation.position(lon, lat) if spill.finds[number].stretch else notation.stated_position(lon, lat),
+        "stretch": "at sea" if segment is None else washup_tables.stretch(segments, segment),
+        "segment": segment,
+        "class": given.kind,
+        "by": given.by or "public",
+        "false": given.false,
+        "probability_beforehand": surprise.probability,
+        "tail": surprise.tail,
+        "odd": surprise.tail < ODD,
+        "none_of_ours": alien,
+    }
+
+
+def position(spill: Spill, segments: Segments, number: int, find: Detection) -> tuple[float, float]:
+    """Return where a find lies (lon, lat) [deg]: as given, or the middle of its stretch."""
+    if isinstance(find.place, finds.AtSea):
+        return find.place.lon, find.place.lat
+    given = spill.finds[number]
+    if given.stretch is None:
+        return given.lon, given.lat
+    return float(segments.lon[find.place]), float(segments.lat[find.place])
+
+
+def csv(told: Sequence[Row], worlds: float, run: str) -> str:
+    """Return the finds as CSV, a row each, in order of time.
+
+    worlds: how many count after them. run: its run_id, in the last column.
+    """
+    lines = [[*(_cell(row[name]) for name in COLUMNS), f"{worlds:.6g}", run] for row in told]
+    return formats.csv_text([*COLUMNS, "effective_worlds", "run_id"], lines)
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, np.datetime64):
+        return notation.iso(value)
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def ours(row: Row) -> str:
+    """Return whether a find is one of ours, in words."""
+    if row["false"] == 0:
+        return "counted as from this spill (set false if that is unsure)"
+    return f"not from this spill: {notation.percent(row['none_of_ours'])}"
+
+
+def odd(told: Sequence[Row]) -> list[str]:
+    """Return a warning of each find that was hardly to be expected where it was found."""
+    return [
+        f'find {row["number"]} "{row["name"]}" ({notation.group(row["time"])}, {row["position"]}, {row["stretch"]}) is odd: '
+        f"the probability of the next find there was {notation.percent(row['probability_beforehand'])}, at places at "
+        f"most as likely {notation.percent(row['tail'])}; {ours(row)}; check it"
+        for row in told
+        if row["odd"]
+    ]
+
+
+def silence(period: Period, spill: Spill, until: float) -> str | None:
+    """Return in words what the figures take for granted about what was not found; None without finds and patrols.
+
+    until: up to when all finds are known [s after start].
+    """
+    if not spill.finds and not spill.patrols:
+        return None
+    time = period.start + np.timedelta64(round(until), "s")
+    which = "spill.reporting.until" if spill.reporting.until is not None else "the last find or patrol"
+    what = "nothing besides these finds was reported" if spill.finds else "nothing was found or reported"
+    return f"{what} up to {notation.group(time)} ({which}): that silence is evidence too"

@@ -1,0 +1,1 @@
+"""Clouds that follow one target, Brownian bridges, and tracks of real drifters."""

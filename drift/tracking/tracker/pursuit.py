@@ -1,0 +1,269 @@
+"""A path that meets a cloud, or keeps out of its way, planned again as the cloud moves and shrinks.
+
+At the end of each step the vessel looks round: particles within its reach are met, and where it sees nothing they are
+ruled out. Paths are by A* on the cloud binned by cells (drift.tracking.tracker.astar). What a path meets is added step by step, so that
+what stays in reach is counted again: a plan is made anew with what is left when the likelihood of having seen nothing
+since the last plan falls below a threshold (Klaas, Southey and Cheeseman 2005, Particle-based communication among game agents).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from drift.tracking.tracker import astar, path
+from drift.tracking.tracker.path import Path
+from geo import notation, sphere
+from geo.array import Array
+from geo.notation import KNOT, NMI
+
+STRIDE = 4  # cells that the vessel makes in a step: over several it goes any way at 88 % of its speed or more
+MOST = 5_000_000  # cells and steps together
+
+Forecast = Callable[[Path], tuple[Array, Array]]  # a tracker's path -> places at each step (K + 1, n, 3), weights (n,)
+
+
+class Barrier(Protocol):
+    """Where a vessel cannot be."""
+
+    def in_squares(self, lon: Array, lat: Array, half: float) -> Array:
+        """Return whether any of it is in squares, by their middles [deg] and half their side [m]; in their shape."""
+
+    def on_legs(self, begin: Array, ends: Array) -> Array:
+        """Return whether any of it is on great circles from a unit vector (3,) to others (m, 3); (m,)."""
+
+
+@dataclass(frozen=True)
+class Pursuit:
+    """What is asked for."""
+
+    aim: Literal["meet", "avoid"]
+    start: tuple[float, float]  # (lon, lat) [rad]
+    speed: float  # [m/s]
+    reach: float  # [m] within which a particle is met
+    begin: float  # [s]
+    interval: float  # [s] of a step
+    steps: int
+    to: tuple[float, float] | None = None  # where it goes that avoids [rad]
+    worth: float = 3600.0  # [s] of detour that one would take for a meeting less, by -log(1 - share met)
+    threshold: float = 0.8  # likelihood of having seen nothing below which the plan is made anew
+
+    @property
+    def times(self) -> Array:
+        """Times of the looks [s], from the begin on (steps + 1,)."""
+        return self.begin + self.interval * np.arange(self.steps + 1)
+
+
+@dataclass(frozen=True)
+class Pursued:
+    """A path and what came of it."""
+
+    path: Path
+    met: Array  # share of the cloud met by each of its looks, each particle counted once
+    plans: tuple[int, ...]  # steps at which a plan was made
+    near: float  # share that is, at any look until the end, where the vessel could be within reach of it if there were no land
+
+
+class Trigger:
+    """Klaas' trigger: the likelihood of what was observed since the last time, and whether it fell below a threshold."""
+
+    def __init__(self, threshold: float) -> None:
+        """Have observed nothing yet."""
+        self.threshold, self.likelihood = threshold, 1.0
+
+    def observed(self, weight: float) -> bool:
+        """Return whether it is time, by the sum of weights, 1 before, that an observation left; then begin anew."""
+        self.likelihood *= weight
+        if self.likelihood >= self.threshold:
+            return False
+        self.likelihood = 1.0
+        return True
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells about the start: row and column 0 are the south-west corner."""
+
+    lon: float  # [rad] of the middle
+    lat: float
+    size: float  # [m] of a cell
+    half: int  # cells on either side of the middle
+
+    @property
+    def place(self) -> Array:
+        """Unit vectors of the cells' centres (side, side, 3)."""
+        at = self.size * np.arange(-self.half, self.half + 1)
+        east, north = np.meshgrid(at, at)
+        return path.vector(*sphere.destination(self.lon, self.lat, east, north))
+
+    def cell(self, lon: float, lat: float) -> astar.Cell | None:
+        """Return the cell of a place [rad], if it has one."""
+        east, north = sphere.offset(self.lon, self.lat, lon, lat)
+        row, column = (int(np.rint(float(v) / self.size)) + self.half for v in (north, east))
+        inside = 0 <= row <= 2 * self.half and 0 <= column <= 2 * self.half
+        return (row, column) if inside else None
+
+
+def grid(asked: Pursuit) -> Grid:
+    """Return the cells that can be reached."""
+    return Grid(*asked.start, asked.speed * asked.interval / STRIDE, STRIDE * asked.steps)
+
+
+def mass(cells: Array, place: Array, weight: Array, reach: float) -> Array:
+    """Return the weight of the particles within reach [m] of cells at unit vectors (rows, columns, 3)."""
+    chord = 2 * np.sin(reach / sphere.RADIUS / 2)
+    near = cKDTree(cells.reshape(-1, 3)).sparse_distance_matrix(cKDTree(place), chord, output_type="coo_matrix")
+    total = np.bincount(near.row, weights=weight[near.col], minlength=cells.shape[0] * cells.shape[1])
+    return np.asarray(total).reshape(cells.shape[:2])
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Cells that a vessel moves over, and how."""
+
+    place: Array  # unit vectors of where it is in each cell (rows, columns, 3): the middle, and the destination itself
+    closed: Array  # cells (rows, columns) that it does not cross
+    gates: dict[astar.Cell, Array]  # by which moves it leaves and enters those of the begin and of the destination
+    here: astar.Cell
+    goal: astar.Cell | None
+
+
+def charted(asked: Pursuit, barrier: Barrier | None) -> Chart:
+    """Return the cells of a pursuit: those with any of the barrier are closed.
+
+    Harbours are near land: the cells of begin and destination are left and entered by such moves as do not meet it,
+    whatever else is in them, and that make no more than the speed.
+    """
+    cells = grid(asked)
+    place, here, size = cells.place, (cells.half, cells.half), cells.size / 2
+    goal = None if asked.to is None else cells.cell(*asked.to)
+    if asked.to is not None and goal != here:
+        place[goal] = path.vector(*asked.to)
+    closed = np.zeros(place.shape[:2], bool) if barrier is None else barrier.in_squares(*path.degrees(place), size)
+    gates, moves = {}, astar.moves(STRIDE)
+    for cell in (here,) if goal is None else (here, goal):
+        to = moves + cell
+        inside = ((to >= 0) & (to < place.shape[0])).all(axis=1)
+        ends = place[tuple(to[inside].T)]
+        free = path.arc(ends, place[cell]) * sphere.RADIUS <= asked.speed * asked.interval * (1 + 1e-4)
+        if barrier is not None and closed[cell]:
+            free &= ~barrier.on_legs(place[cell], ends)
+        gates[cell] = np.zeros(len(moves), bool)
+        gates[cell][inside] = free
+        if gates[cell].sum() <= 1:  # to stay
+            raise ValueError(_no_way(asked))
+    if barrier is not None and asked.to is not None and goal == here:
+        ends = path.vector(*asked.to)[None]
+        if barrier.on_legs(place[here], ends)[0]:
+            raise ValueError(_no_way(asked))
+    return Chart(place, closed, gates, here, goal)
+
+
+def _no_way(asked: Pursuit) -> str:
+    return (
+        f"there is no way on cells of {grid(asked).size / NMI:.2g} nmi, a quarter of a step (a shorter one has finer cells): "
+        "land lies between, or it is too far for the time"
+    )
+
+
+def pursue(asked: Pursuit, forecast: Forecast, barrier: Barrier | None = None) -> Pursued:
+    """Return a path and the share of the cloud that it meets.
+
+    forecast: where the same particles, in the same order, would be at `asked.times` if the tracker went a path: it is asked
+    again with each plan, for particles may seek or flee. barrier: where the vessel cannot be. Raises ValueError with one
+    line for what cannot be done (`check`), where no particle is left, and where there is no way to the destination.
+    """
+    check(asked)
+    chart = charted(asked, barrier)
+    here, goal = chart.here, chart.goal
+    places, weight = forecast(path.standing(*asked.start, asked.begin, asked.times[-1]))
+    if not weight.sum() > 0:
+        raise ValueError("no track is held when it begins")
+    whole = weight / weight.sum()
+    left, trigger = whole, Trigger(asked.threshold)
+    plan, plans = [here], []
+    met: list[float] = []
+    for step in range(asked.steps + 1):
+        seen = path.arc(places[step], chart.place[plan[step]]) * sphere.RADIUS <= asked.reach
+        met.append((met[-1] if met else 0.0) + left[seen].sum())
+        before, left = left.sum(), np.where(seen, 0.0, left)
+        some = left.sum() > 0 and step < asked.steps
+        if some and (step == 0 or (plan[step] != goal and trigger.observed(left.sum() / before))):
+            plan = [*plan[: step + 1], *_plan(asked, chart, places, left, plan[step], step)]
+            plans.append(step)
+            places, _ = forecast(_path(asked, chart, plan))
+        if step == len(plan) - 1 or (left.sum() == 0 and goal is None):
+            break
+    radius = asked.speed * (asked.times - asked.begin) + asked.reach
+    near = (path.arc(places, path.vector(*asked.start)) * sphere.RADIUS <= radius[:, None]).any(axis=0)
+    return Pursued(_path(asked, chart, plan[: len(met)]), np.array(met), tuple(plans), float(whole[near].sum()))
+
+
+def _plan(asked: Pursuit, chart: Chart, places: Array, left: Array, here: astar.Cell, step: int) -> list[astar.Cell]:
+    """Return the cells after a step."""
+    weight = left / left.sum()
+    share = np.stack([mass(chart.place, places[k], weight, asked.reach) for k in range(step + 1, asked.steps + 1)])
+    if chart.goal is None:
+        cost = share.max(axis=(1, 2), keepdims=True) - share
+    else:
+        cost = asked.interval - asked.worth * np.log1p(-np.minimum(share, 1 - 1e-12))
+    try:
+        return astar.cheapest(cost, STRIDE, here, chart.goal, chart.closed, chart.gates)[1:]
+    except ValueError:
+        raise ValueError(_no_way(asked)) from None
+
+
+def _path(asked: Pursuit, chart: Chart, way: list[astar.Cell]) -> Path:
+    """Return the path through cells; to the destination it goes at the vessel's speed."""
+    place, time = np.array([chart.place[cell] for cell in way]), asked.times[: len(way)]
+    if way[-1] == chart.goal:
+        if asked.to is not None and len(way) == 1:
+            place, time = np.vstack([place, path.vector(*asked.to)]), asked.times[:2]
+        away = float(path.arc(place[-2], place[-1])) * sphere.RADIUS
+        time = np.append(time[:-1], time[-2] + max(away / asked.speed, 1.0))
+    if len(place) == 1:
+        return Path(asked.times[:2], np.repeat(place, 2, axis=0))
+    return Path(time, place)
+
+
+def judged(asked: Pursuit, found: Pursued, forecast: Forecast) -> Array:
+    """Return the share of another cloud that a path meets by each of its looks, one the plan has not seen; NaN: it has lost the track."""
+    places, weight = forecast(found.path)
+    looks = found.path.place[: len(found.met)]
+    if not weight.sum() > 0:
+        return np.full(len(looks), np.nan)
+    left = weight / weight.sum()
+    met: list[float] = []
+    for there, place in zip(places, looks, strict=False):
+        seen = path.arc(there, place) * sphere.RADIUS <= asked.reach
+        met.append((met[-1] if met else 0.0) + left[seen].sum())
+        left = np.where(seen, 0.0, left)
+    return np.array(met)
+
+
+def check(asked: Pursuit) -> None:
+    """Raise ValueError, one line, for what cannot be asked."""
+    for name in ("speed", "reach", "interval", "worth"):
+        if not getattr(asked, name) > 0:
+            raise ValueError(f"{name} {getattr(asked, name):g} must be above 0")
+    if asked.steps < 1:
+        raise ValueError("it lasts less than a step")
+    if not 0 <= asked.threshold <= 1:
+        raise ValueError(f"threshold {asked.threshold:g} must be 0 to 1")
+    if (asked.aim == "avoid") != (asked.to is not None):
+        raise ValueError("a path that avoids goes to a place, to; one that meets goes to none")
+    if asked.to is not None:
+        away = float(path.arc(path.vector(*asked.start), path.vector(*asked.to))) * sphere.RADIUS
+        lasting = asked.interval * asked.steps
+        if away > asked.speed * lasting:
+            raise ValueError(
+                f"the destination is out of reach: {away / NMI:.1f} nmi from where it begins, which is {notation.lasting(60 * np.ceil(away / asked.speed / 60))} "
+                f"at {asked.speed / KNOT:.3g} kn, and its {asked.steps} steps last {notation.lasting(lasting)}"
+            )
+    many = (2 * STRIDE * asked.steps + 1) ** 2 * asked.steps
+    if many > MOST:
+        raise ValueError(
+            f"{asked.steps:.6g} steps make {many:.3g} cells and times; at most {MOST:,}: take longer steps, or a shorter time"
+        )

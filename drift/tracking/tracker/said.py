@@ -1,0 +1,123 @@
+"""How a tracking case was understood, in words."""
+
+import math
+
+import numpy as np
+
+from drift.tracking.tracker import doubts, path
+from drift.tracking.tracker.detections import Detections
+from drift.tracking.tracker.pursuit import Pursuit
+from drift.tracking.tracker.records import Behaviour, Plan, Sensor, Tracker
+from drift.tracking.tracker.study import Scene, Study, figures
+from geo import notation, sphere
+from geo.array import Array
+from geo.notation import KNOT, NMI
+
+
+def facts(study: Study) -> dict[str, str]:
+    """Return a line for each part of a tracking case, by its name."""
+    told = {
+        "time": f"{_moment(study, 0.0)} to {_moment(study, study.end)}, figures every {notation.lasting(study.every)}"
+    }
+    told["cloud"] = f"{study.size:,} particles, seed {study.seed}"
+    if isinstance(study.target, Scene):
+        told["target"] = _target(study.target)
+        low, high = study.window
+        over = (
+            ""
+            if low <= 0 and high >= study.end
+            else f", over {notation.lasting(low)} to {notation.lasting(min(high, study.end))}"
+        )
+        told["runs"] = f"{study.runs:,}: {', '.join(figures(study.areas, study.criteria is not None))}{over}"
+    else:
+        told["detections"] = _detections(study, study.target)
+    told["land"] = "particles turn at the shore (GSHHG)" if study.minds_land else "particles pass over it"
+    told["tracker"] = _way(study.tracker.place, study.tracker.rate)
+    written = isinstance(study.target, Detections)
+    told |= {f'sensor "{sensor.name}"': _sensor(sensor, written) for sensor in study.sensors}
+    told |= {f'way of following "{method.name}"': _method(method) for method in study.methods}
+    if (chase := study.pursuit) is not None:
+        told["pursuit"] = (
+            f"to {chase.aim} it, from {notation.stated_position(*np.degrees(chase.start))} at {_moment(study, chase.begin)}{_goal(chase)}, "
+            f"{chase.steps} looks every {notation.lasting(chase.interval)}, {notation.number(chase.speed / KNOT)} kn, within {notation.number(chase.reach / NMI)} nmi"
+        )
+    doubted = doubts.of(study)
+    return {**told, "warning": "; ".join(doubted)} if doubted else told
+
+
+def _goal(chase: Pursuit) -> str:
+    return "" if chase.to is None else f" to {notation.stated_position(*np.degrees(chase.to))}"
+
+
+def _moment(study: Study, seconds: float) -> str:
+    return notation.group(np.datetime64(notation.epoch(study.start) + round(seconds), "s"))
+
+
+def _way(place: Array, rate: Array) -> str:
+    """Return where a way begins, and how fast it is."""
+    lon, lat = path.degrees(place[0])
+    speed = rate * sphere.RADIUS / KNOT
+    if not len(speed) or speed.max() < 0.005:
+        return f"stays at {notation.stated_position(float(lon), float(lat))}"
+    low, high = notation.number(float(speed.min()), 3), notation.number(float(speed.max()), 3)
+    return f"from {notation.stated_position(float(lon), float(lat))}, {low if low == high else f'{low} to {high}'} kn"
+
+
+def _target(scene: Scene) -> str:
+    words = _way(scene.way.place, scene.way.rate)
+    if scene.radiates is not None:
+        words += f"; its radar {_on(scene.radiates)}"
+    return words + (f"; then it {_behaviour(scene.acts)}" if scene.acts is not None else "")
+
+
+def _detections(study: Study, found: Detections) -> str:
+    counts = [int((found.sensor == k).sum()) for k in range(len(study.sensors))]
+    each = ", ".join(f"{n} by {sensor.name}" for n, sensor in zip(counts, study.sensors, strict=True))
+    return f"{len(found.time)}, {_moment(study, found.time[0])} to {_moment(study, found.time[-1])}: {each}"
+
+
+def _sensor(sensor: Sensor, written: bool) -> str:
+    """Return what a sensor is; written: whether its detections were written down."""
+    bearing = (
+        "any bearing"
+        if sensor.bearing_error >= math.pi
+        else f"bearing +- {notation.number(math.degrees(sensor.bearing_error))} deg"
+    )
+    words = (
+        f"to {notation.number(sensor.reach / NMI)} nmi, range +- {notation.hundredths(sensor.range_share)} %, {bearing}"
+    )
+    if sensor.hears:
+        return f"{words}; hears what radiates, its silence tells nothing"
+    words = f"{words}; sweeps every {notation.number(sensor.interval)} s, {_on(sensor.on)}"
+    silent = written and sensor.on.begin < math.inf
+    return words + (
+        f"; its silence counts from {notation.lasting(sensor.grace)} off a plot within its reach" if silent else ""
+    )
+
+
+def _on(plan: Plan) -> str:
+    if plan.begin == math.inf or plan.lasting == 0:
+        return "off"
+    if plan.lasting == math.inf:
+        return "on" if plan.begin == 0 else f"on from +{notation.lasting(plan.begin)}"
+    again = f" every {notation.lasting(plan.every)}" if plan.every < math.inf else ""
+    return f"on for {notation.lasting(plan.lasting)}{again} from +{notation.lasting(plan.begin)}"
+
+
+def _method(method: Tracker) -> str:
+    filling = method.filling
+    return (
+        f"{_behaviour(method.behaviour)}; below {notation.hundredths(filling.partial)} % duplicated, below {notation.hundredths(filling.bulk)} % drawn anew by "
+        f"{filling.method} or lost"
+    )
+
+
+def _behaviour(law: Behaviour) -> str:
+    """Return what particles do, and how often."""
+    most = f"up to {notation.number(law.fastest / KNOT)} kn"
+    if law.acts is None:
+        return f"keeps course and speed, {most}"
+    chances = (("changes", law.change), ("seeks", law.seek), ("hides", law.hide))
+    each = ", ".join(f"{what} with {notation.hundredths(chance)} %" for what, chance in chances if chance > 0)
+    soonest, latest = law.acts
+    return f"{each or 'keeps course and speed'} every {notation.lasting(soonest)} to {notation.lasting(latest)}, {most}"

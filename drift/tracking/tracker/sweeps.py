@@ -1,0 +1,87 @@
+"""What each sweep of the tracker's sensors came to, and when the estimate is asked for."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from drift.tracking.tracker import path
+from drift.tracking.tracker.path import Path
+from drift.tracking.tracker.records import Plan, Sensor
+from geo import sphere
+from geo.array import Array
+from kernels.tracking.clouds import DETECTED, MARK, SILENT
+
+
+@dataclass(frozen=True)
+class Sweeps:
+    """Sweeps in order of time, those of one time in the order of their sensors, and marks after them; each (n,)."""
+
+    time: Array  # [s]
+    place: Array  # unit vectors of the tracker, at marks of the target (n, 3)
+    bearing: Array  # [rad] of the detection
+    half: Array  # [rad] its box on either side
+    near: Array  # [rad] its ranges, or how far the sensor reaches that found nothing
+    far: Array
+    outcome: Array  # kernels.tracking.clouds.SILENT, DETECTED or MARK
+    row: Array  # of the estimates, or -1
+
+    @property
+    def marked(self) -> Array:
+        """Whether each is a mark, at which nothing is swept."""
+        return np.asarray(self.outcome == MARK)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+def joined(parts: Sequence[Sweeps]) -> Sweeps:
+    """Return several one after the other."""
+    return Sweeps(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Sweeps)))
+
+
+def ordered(parts: Sequence[Sweeps], every_detection: bool = False) -> Sweeps:
+    """Return sweeps of several sensors in order of time, with the rows of what is recorded counted through.
+
+    every_detection: whether the estimate at each detection is recorded beside those at the marks.
+    """
+    number = np.concatenate([np.full(len(part), k) for k, part in enumerate(parts)])
+    whole = joined(parts)
+    order = np.lexsort((number, whole.outcome == MARK, whole.time))
+    columns = {field.name: getattr(whole, field.name)[order] for field in fields(Sweeps)}
+    told = (columns["outcome"] == MARK) | (every_detection & (columns["outcome"] == DETECTED))
+    columns["row"] = np.where(told, np.cumsum(told) - 1, -1).astype(np.int32)
+    return Sweeps(**columns)
+
+
+def times(sensor: Sensor, end: float, emissions: Array) -> Array:
+    """Return when a sensor sweeps [s], or may hear what the target emits, until an end."""
+    return emissions[emissions <= end] if sensor.hears else sensor.on.sweeps(sensor.interval, end)
+
+
+def emitted(radiates: Plan | None, interval: float, end: float) -> Array:
+    """Return the times [s] at which a target's radar looks all round."""
+    return np.empty(0) if radiates is None else radiates.sweeps(interval, end)
+
+
+def of_sensor(sensor: Sensor, moments: Array, tracker: Path, target: Array) -> Sweeps:
+    """Return the sweeps of a sensor at times [s] (n,), the target at places (n, 3)."""
+    place, _ = tracker.at(moments)
+    distance, there = path.arc(place, target), path.frame(place)
+    bearing = np.arctan2(np.sum(target * there.east, axis=1), np.sum(target * there.north, axis=1))
+    reach = sensor.reach / sphere.RADIUS
+    seen = distance <= reach
+    keep = seen | (not sensor.hears)
+    near = np.where(seen, np.maximum(distance * (1 - sensor.range_share), 0.0), 0.0)
+    far = np.where(seen, np.minimum(distance * (1 + sensor.range_share), reach), reach)
+    half = np.where(seen, sensor.bearing_error, np.pi)
+    outcome = np.where(seen, DETECTED, SILENT).astype(np.int32)
+    row = np.full(len(moments), -1, np.int32)
+    return Sweeps(*(x[keep] for x in (moments, place, bearing, half, near, far, outcome, row)))
+
+
+def marks(moments: Array, target: Path) -> Sweeps:
+    """Return times [s] at which the estimate is asked for and nothing is swept."""
+    zero = np.zeros(len(moments))
+    kind = np.full(len(moments), MARK, np.int32)
+    return Sweeps(moments, target.at(moments)[0], zero, zero, zero, zero, kind, kind)

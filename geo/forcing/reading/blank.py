@@ -1,0 +1,79 @@
+"""Slices without any value in the wanted area, between slices that have values.
+
+A model's output may have lost one. It is found by the series of one wet point, read at once, and believed once the whole
+slice is read; what is left out is interpolated over as a slice that is absent.
+"""
+
+from collections.abc import Sequence
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from geo.array import Array
+from geo.forcing.quantity import QUANTITIES
+from geo.forcing.reading import slices, tile
+from geo.forcing.reading.component import Component
+from geo.forcing.reading.tile import Tile
+
+TRIED = 5  # slices that are looked at for a wet point
+
+
+def find(held: Tile, indices: Sequence[int], among: Sequence[int]) -> list[int]:
+    """Return which of some slices of a tile hold nothing; none where no slice shows where a value should be.
+
+    among: slices of which some show that.
+    """
+    if not indices:
+        return []
+    places = None
+    for k in np.unique(np.linspace(0, len(among) - 1, TRIED).round().astype(int)):
+        places = _wet(held, among[k])
+        if places is not None:
+            break
+    if places is None:
+        return []
+    silent = np.zeros(len(indices), bool)
+    for component, place in zip(held.components, places, strict=True):
+        silent |= ~_there(_series(component, indices, place), component)
+    return [i for i, doubted in zip(indices, silent, strict=True) if doubted and np.isnan(tile.read(held, i)).all()]
+
+
+def _wet(held: Tile, i: int) -> list[tuple[int, ...]] | None:
+    """Return the file's indices of a point of each component that has a value in slice i; None without one."""
+    found = []
+    for component, layout in zip(held.components, held.layouts, strict=True):
+        values, _ = slices.read(component, layout, i)
+        wet = np.argwhere(np.isfinite(values) & (values != 0))  # land may be stored as zero
+        wet = wet if len(wet) else np.argwhere(np.isfinite(values))
+        if not len(wet):
+            return None
+        middle = wet[len(wet) // 2]
+        found.append(tuple(int(along[k]) for along, k in zip(slices.window(layout), middle, strict=True)))
+    return found
+
+
+def _series(component: Component, indices: Sequence[int], place: tuple[int, ...]) -> Array:
+    """Return a component at one point in some slices, in the file's own units; one read for each file."""
+    parts = []
+    for _, run in groupby(indices, lambda i: id(component.segments[i][0])):
+        own = list(run)
+        data, _, time_dim, _ = component.segments[own[0]]
+        variable = data[component.name]
+        at: dict[str, Any] = {d: n for d, n in component.fixed.items() if d in variable.dims}
+        at |= dict(zip(component.dims, place, strict=True))
+        if time_dim is not None:
+            steps = np.array([component.segments[i][3] for i in own])
+            first = int(steps.min())
+            at[time_dim] = slice(first, int(steps.max()) + 1)
+            parts.append(np.asarray(variable.isel(at).values, np.float64)[steps - first])
+        else:
+            parts.append(np.full(len(own), float(variable.isel(at).values)))
+    return np.concatenate(parts)
+
+
+def _there(values: Array, component: Component) -> Array:
+    """Return whether values are real values, not ones that mean missing."""
+    with np.errstate(invalid="ignore"):
+        real = np.isfinite(values) & ~np.isin(values, component.fills)
+        return real & (np.abs(values) * component.factor <= QUANTITIES[component.quantity].impossible)

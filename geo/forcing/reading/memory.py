@@ -1,0 +1,206 @@
+"""Datasets in memory as forcing: brought to what files would give, so that all that follows is the same.
+
+They come as xarray opens them (times as dates, packing and fill values resolved, coordinates set apart) or raw
+(decode_cf = False). What is lazy stays lazy. The dataset itself is never changed, and nothing keeps it when the run is
+over.
+"""
+
+import datetime
+import hashlib
+import math
+import warnings
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import cftime
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from geo.errors import UserError
+from geo.forcing import validity
+from geo.forcing.times import epoch
+from geo.grids import naming
+
+WHOLE = 2**28  # [bytes] of a variable up to which all of it is hashed; of a larger one SLICES slices, thinned out
+SLICES = 16
+PIECE = 2**24  # [bytes] hashed at once: a lazy variable is never in memory as a whole
+THINNED = 2**16  # values of a slice that are hashed, at most
+EPOCH = "seconds since 1970-01-01"
+REFERENCES = ("coordinates", "grid_mapping")  # attributes that xarray moves to the encoding when it decodes
+
+
+@dataclass(frozen=True)
+class Held:
+    """A dataset in memory and the name that a case has for it."""
+
+    name: str
+    data: xr.Dataset
+
+    @property
+    def title(self) -> str:
+        """What messages call it."""
+        return f'dataset "{self.name}"'
+
+
+def hold(datasets: Any) -> dict[str, Held]:
+    """Return datasets by name as forcing; None gives an empty result.
+
+    Raises UserError for what is not a dataset.
+    """
+    if isinstance(datasets, xr.Dataset) or not isinstance(datasets, Mapping | None):
+        raise UserError(f'datasets: a {type(datasets).__name__} is given; must be {{"name": an xarray.Dataset}}')
+    for name, data in (datasets or {}).items():
+        if not isinstance(data, xr.Dataset):
+            hint = "; files are named in the case" if isinstance(data, str) or hasattr(data, "__fspath__") else ""
+            hint = "; its to_dataset() makes one" if isinstance(data, xr.DataArray) else hint
+            raise UserError(f'datasets: "{name}" is a {type(data).__name__}; must be an xarray.Dataset{hint}')
+    return {str(name): Held(str(name), data) for name, data in (datasets or {}).items()}
+
+
+def as_stored(held: Held) -> xr.Dataset:
+    """Return a dataset as `dataset.open_one` would return it from a file.
+
+    Packing is resolved, and times are numbers since a date.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # warnings of several fill values, which all count as missing
+            return xr.decode_cf(
+                _encoded(held.data),
+                concat_characters=False,
+                decode_times=False,
+                decode_coords=False,
+                decode_timedelta=False,
+            )
+    except Exception as error:  # xarray and cftime raise many kinds
+        raise UserError(
+            f"{held.title} cannot be decoded ({' '.join(str(error).split())[:120]}); mend its attributes, or decode "
+            "it first"
+        ) from error
+
+
+def _encoded(data: xr.Dataset) -> xr.Dataset:
+    """Return a dataset with dates as numbers, and with what xarray sets apart of a file back in the attributes."""
+    data = data.rename({name: str(name) for name in {*data.variables, *data.dims} if not isinstance(name, str)})
+    stored = {}
+    for name in map(str, data.variables):
+        variable = data[name].variable.copy(deep=False)
+        kept = {k: variable.encoding[k] for k in REFERENCES if isinstance(variable.encoding.get(k), str)}
+        aside = sorted(str(c) for c in data[name].coords if c not in data.dims and c != name)
+        attributes = {"coordinates": " ".join(aside)} if aside and name in data.data_vars else {}
+        attributes |= kept | validity.unpacked(variable.attrs, variable.encoding)
+        if variable.ndim <= 2 and variable.dtype.kind in "MO":  # of bounds and of runs there are two dimensions
+            variable, attributes = _numbers(variable, attributes)
+        elif variable.ndim <= 1 and variable.dtype.kind == "m":
+            variable = xr.Variable(variable.dims, variable.values / np.timedelta64(1, "s"))
+            attributes = {**attributes, "units": "seconds"}
+        variable.attrs, variable.encoding = attributes, {}
+        stored[name] = variable
+    return xr.Dataset(stored)
+
+
+def _numbers(variable: xr.Variable, attributes: Mapping[Any, Any]) -> tuple[xr.Variable, dict[Any, Any]]:
+    """Return dates as the numbers of a file, and the attributes that say so; other values as they are."""
+    values, encoding = variable.values, variable.encoding
+    if variable.dtype.kind == "M":
+        dates = values.astype("datetime64[us]").astype(object)  # Python's, None where missing
+        calendar = "proleptic_gregorian"
+    else:
+        dates = np.array([_utc(date) for date in values.flat] + [None], object)[:-1]
+        calendar = next((getattr(d, "calendar", "standard") for d in dates if d is not None), "standard")
+    there = np.array([isinstance(d, datetime.datetime | cftime.datetime) and d == d for d in dates.flat], bool)
+    if not there.any():
+        return variable, dict(attributes)
+    stored = _stored(encoding)
+    single = stored is not None and encoding.get("dtype") == np.float32
+    if stored is None or not (single or stored.misread):
+        units, origin, seconds = EPOCH, EPOCH, 1.0
+    else:  # in single precision too the reader must meet the file's own numbers, to tell how they were rounded
+        units, origin, seconds = stored.units, stored.origin, stored.seconds
+        calendar = encoding.get("calendar", calendar)
+    numbers: NDArray[Any] = np.full(dates.size, np.nan, "f4" if single else "f8")
+    numbers[there] = cftime.date2num(dates.reshape(-1)[there], origin, calendar) / seconds
+    said = {**attributes, "units": units, "calendar": calendar}
+    return xr.Variable(variable.dims, numbers.reshape(values.shape)), said
+
+
+@dataclass(frozen=True)
+class _Stored:
+    """In what units a file has the dates that xarray decoded.
+
+    origin: what xarray took for their origin; seconds: of their unit; misread: xarray dropped a zone, or took it for
+    something else.
+    """
+
+    units: str
+    origin: str
+    seconds: float
+    misread: bool
+
+
+def _stored(encoding: Mapping[Any, Any]) -> _Stored | None:
+    """Return the units that dates were decoded from; None where nothing says so."""
+    units = str(encoding.get("units", ""))
+    if not epoch.is_shifted(units):
+        return None
+    about = {"units": units, "calendar": encoding.get("calendar", "standard")}
+    try:
+        taken = xr.decode_cf(xr.Dataset({"time": ("time", [0.0], about)}))["time"].values[0]
+        seconds = epoch.parse(units, 0).seconds
+    except (ValueError, OverflowError, TypeError, UserError):
+        return None
+    begin: Any = taken if isinstance(taken, np.datetime64) else np.datetime64(taken.isoformat(), "s")
+    begin = begin.astype("datetime64[s]")
+    right: Any = np.datetime64("NaT", "s")
+    try:
+        own = epoch.parse(units)
+        right = np.datetime64(own.moment.replace(" ", "T"), "s") - np.timedelta64(own.zone, "s")
+    except (ValueError, UserError):
+        pass
+    return _Stored(units, f"seconds since {begin}", seconds, bool(right != begin))
+
+
+def _utc(date: Any) -> Any:
+    """Return a date without its time zone, in UTC: cftime would take the clock of the zone for UTC."""
+    aware = isinstance(date, datetime.datetime) and date.tzinfo is not None
+    return date.astimezone(datetime.UTC).replace(tzinfo=None) if aware else date
+
+
+def fingerprint(data: xr.Dataset, fields: Collection[str], time: str | None, extra: str) -> str:
+    """Return a short hash of what a dataset holds: two fields, and all that says where and when they are.
+
+    data: from `as_stored`. time: the dimension of time; other variables along it are other quantities. A field of more
+    than 256 MiB counts by samples.
+    """
+    total = hashlib.sha256(extra.encode())
+    for name in sorted(map(str, data.variables)):
+        variable = data[name].variable
+        if name in fields or variable.ndim <= 1 or time not in variable.dims or naming.of_grid(name):
+            total.update(f"{name} {variable.dims} {variable.shape} {variable.dtype}".encode())
+            for key, value in sorted((str(k), v) for k, v in variable.attrs.items()):
+                total.update(f"{key} {np.asarray(value).tolist()!r}".encode())
+            _hash_values(total, variable)
+    return total.hexdigest()[:16]
+
+
+def _hash_values(total: "hashlib._Hash", variable: xr.Variable) -> None:
+    if variable.ndim == 0 or not variable.size:
+        total.update(_bytes(variable))
+        return
+    first, rows = variable.dims[0], variable.shape[0]
+    if variable.nbytes <= WHOLE:
+        step = max(1, PIECE * rows // variable.nbytes)
+        for k in range(0, rows, step):
+            total.update(_bytes(variable.isel({first: slice(k, k + step)})))
+        return
+    others = max(variable.ndim - 1, 1)
+    every = math.ceil((variable.size / rows / THINNED) ** (1 / others))
+    for k in np.unique(np.linspace(0, rows - 1, SLICES).astype(int)):
+        total.update(_bytes(variable.isel({first: k, **{d: slice(None, None, every) for d in variable.dims[1:]}})))
+
+
+def _bytes(variable: xr.Variable) -> bytes:
+    values = np.asarray(variable.values)
+    return repr(values.tolist()).encode() if values.dtype.hasobject else np.ascontiguousarray(values).tobytes()

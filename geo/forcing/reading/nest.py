@@ -1,0 +1,132 @@
+"""Grids that move: coordinates that change with time, as those of WRF's moving nests.
+
+Each slice is carried from the points at which its grid stands to one regular grid, which covers all places. Where the
+grid is not, a slice has no value.
+"""
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geo.box import Box
+from geo.forcing.reading import tile
+from geo.forcing.reading.component import Component
+from geo.forcing.reading.tile import Tile, Values
+from geo.grids import layout, target
+from geo.grids.grid import Grid
+from geo.grids.layout import Layout
+
+TILES = 4  # places whose weights are kept
+
+
+@dataclass(frozen=True)
+class Nest:
+    """Two components on a moving grid, and the regular grid to which they are carried.
+
+    numbers: the place at each slice; met: the places that have a part of what is needed; dry: whether values that are
+    exactly zero are land; domain: (nlat, nlon) nodes inside the grid at every place that is met.
+    """
+
+    grid: Grid
+    components: tuple[Component, Component]
+    numbers: tuple[tuple[int, int], ...]
+    met: frozenset[tuple[int, int]]
+    axes: str
+    box: Box | None
+    dry: bool
+    domain: NDArray[np.bool_] | None
+    notes: tuple[str, ...]
+    tiles: dict[tuple[int, int], Tile] = field(default_factory=dict, repr=False)  # of the places used last
+    guard: threading.Lock = field(default_factory=threading.Lock, repr=False)
+
+
+def moves(components: Sequence[Component]) -> bool:
+    """Whether the grid of a component moves."""
+    return any(component.places is not None for component in components)
+
+
+def make(components: tuple[Component, Component], count: int, axes: str, box: Box | None, dry: bool) -> Nest | None:
+    """Return a moving grid over the part of it that is needed; None where no slice has any.
+
+    count: of slices; axes, box: as in `tile.make`; dry: whether values that are exactly zero are land.
+    """
+    numbers = tuple((_place(components[0], i), _place(components[1], i)) for i in range(count))
+    met: list[tuple[int, int]] = []
+    extent = target.Extent()
+    for number in dict.fromkeys(numbers):
+        crops = _crops(components, number, box)
+        if crops is not None:
+            met.append(number)
+            extent.add(crops[0])
+    if not met:
+        return None
+    grid, coarser = target.over(extent, box)
+    nest = Nest(grid, components, numbers, frozenset(met), axes, box, dry, None, ())
+    notes = _tile(nest, met[0]).notes
+    if coarser:
+        notes += (f"coarser than wanted to stay under {target.MOST_NODES:,} nodes",)
+    return replace(nest, domain=_always(nest, met), notes=notes)
+
+
+def _place(component: Component, i: int) -> int:
+    data, _, _, k = component.segments[i]
+    return 0 if component.places is None else component.places.number[id(data), k]
+
+
+def _layout(component: Component, place: int) -> Layout:
+    return component.layout if component.places is None else component.places.layout(place)
+
+
+def _crops(
+    components: tuple[Component, Component], number: tuple[int, int], box: Box | None
+) -> tuple[Layout, Layout] | None:
+    """Return the points of both components at their places in a box; None where one has none there."""
+    first = layout.crop(_layout(components[0], number[0]), box)
+    second = layout.crop(_layout(components[1], number[1]), box)
+    return None if first is None or second is None else (first, second)
+
+
+def _tile(nest: Nest, number: tuple[int, int]) -> Tile:
+    """Return the tile of a place that is met, made now if it is not among those used last."""
+    with nest.guard:
+        held = nest.tiles.pop(number, None)
+        if held is None:
+            crops = _crops(nest.components, number, nest.box)
+            assert crops is not None
+            held = tile.make(nest.components, crops, nest.axes, nest.box, nest.grid)
+        nest.tiles[number] = held
+        while len(nest.tiles) > TILES:
+            del nest.tiles[next(iter(nest.tiles))]
+    return replace(held, components=nest.components)
+
+
+def _always(nest: Nest, met: Sequence[tuple[int, int]]) -> NDArray[np.bool_] | None:
+    """Return the nodes inside the grid at every place, of many at some: there a missing value may be land."""
+    chosen = np.unique(np.linspace(0, len(met) - 1, TILES).astype(int))
+    inside = [tile.domain(_tile(nest, met[k])) for k in chosen]
+    masks = [mask for mask in inside if mask is not None]
+    if not masks:
+        return None
+    always = np.logical_and.reduce(masks)
+    return always if always.any() else masks[0]
+
+
+def read(nest: Nest, i: int) -> Values:
+    """Return slice i as `tile.read` does; missing where the grid is not at that time."""
+    if nest.numbers[i] not in nest.met:
+        return np.full((nest.grid.nlat, nest.grid.nlon, 2), np.nan, np.float32)
+    held = _tile(nest, nest.numbers[i])
+    if nest.dry:
+        held = replace(held, dry=tile.still(held, i))
+    return tile.read(held, i)
+
+
+def missing(nest: Nest) -> tuple[float, bool]:
+    """Return the share of nodes missing in the first slice that is met, and whether three slices hold nothing."""
+    there = [i for i, number in enumerate(nest.numbers) if number in nest.met]
+    looked_at = {there[0], there[len(there) // 2], there[-1]}
+    first = float(np.isnan(read(nest, there[0])[..., 0]).mean())
+    return first, not any(np.isfinite(read(nest, i)).any() for i in looked_at)

@@ -1,0 +1,285 @@
+"""A tile: two components on their own points, turned into true east and north on one regular grid.
+
+Where the points are a regular longitude-latitude grid already, values are taken as they are. Everything else is
+carried over by the weights of `regrid.py`, each component from its own points (so that a staggered grid needs no
+averaging first), and what that costs is measured on the first slice.
+"""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from geo import sphere
+from geo.array import Array
+from geo.box import Box
+from geo.forcing.reading import slices
+from geo.forcing.reading.component import Component
+from geo.forcing.survey import Survey
+from geo.grids import cost, layout, regrid, rotation, target
+from geo.grids import grid as grids
+from geo.grids.grid import Grid
+from geo.grids.layout import Axes, Curved, Layout, Plane, Triangles, uniform
+
+Values = NDArray[np.float32]
+
+
+ABOUT_POLE = 85.0  # [deg] east and north of a grid that reaches beyond this latitude are carried as one frame
+AGREES = 0.9  # share of the fastest column that the mean vector at a pole has where all columns are the same vector
+
+
+@dataclass(frozen=True)
+class Tile:
+    """How the two components of a source become vectors on a regular grid.
+
+    components, layouts: the two components and their points; matrices: their weights, None where taken as they are.
+    directions: (nlat, columns, 4) unit vectors of the components' axes, None where they are east and north;
+    dry: points whose zeros are land, per component. about_pole: lon and lat of each point [rad], where east and
+    north are carried about a pole in one frame; None elsewhere.
+    """
+
+    grid: Grid
+    components: tuple[Component, Component]
+    layouts: tuple[Layout, Layout]
+    matrices: tuple[sp.csr_matrix, sp.csr_matrix] | None
+    directions: NDArray[np.float32] | None
+    dry: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None
+    notes: tuple[str, ...]
+    about_pole: tuple[Array, Array] | None = None
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A tile after a look at its first slice.
+
+    missing: share of nodes missing there; empty: whether all slices looked at hold nothing; strange: how many
+    values there are no speed but fill values that the file does not declare.
+    """
+
+    tile: Tile
+    missing: float
+    empty: bool
+    strange: int
+    notes: tuple[str, ...]
+
+
+def make(
+    components: tuple[Component, Component],
+    layouts: tuple[Layout, Layout],
+    axes: str,
+    box: Box | None,
+    onto: Grid | None = None,
+) -> Tile:
+    """Return the tile for two components and their (cropped) points.
+
+    axes: "true", "grid" or "?"; onto: the grid to carry them to, None for the one that suits them.
+    """
+    first, second = layouts
+    notes: list[str] = []
+    grid = regular(first, second) if onto is None else None
+    matrices = None
+    if grid is None:
+        grid, coarser = target.choose(layouts, box) if onto is None else (onto, False)
+        sign = 1.0 if axes == "true" else -1.0  # a grid's own axes turn round at the fold of a tripolar grid
+        weights = regrid.weights(first, grid, sign)
+        matrices = (weights, weights if _same(first, second) else regrid.weights(second, grid, sign))
+        kind = {Axes: "rectilinear", Plane: "projected", Curved: "curvilinear", Triangles: "triangular"}[type(first)]
+        notes.append(
+            f"{kind} grid carried to a regular one of {grid.nlon} x {grid.nlat} nodes, "
+            f"{grid.dlon:.4g} x {grid.dlat:.4g} degrees"
+            + (f", coarser than wanted to stay under {target.MOST_NODES:,} nodes" if coarser else "")
+        )
+        if not _together(first, second):
+            notes.append("the components stand at different points (a staggered grid): each is carried from its own")
+    directions = _directions(grid, layouts, matrices, axes, notes)
+    about_pole = None
+    if matrices is not None and directions is None and np.abs(grid.lat).max() > ABOUT_POLE and _together(first, second):
+        lon, lat = layout.points(first)
+        about_pole = np.radians(lon), np.radians(lat)
+    return Tile(grid, components, layouts, matrices, directions, None, tuple(notes), about_pole)
+
+
+def domain(tile: Tile) -> NDArray[np.bool_] | None:
+    """Return the nodes (nlat, columns) inside the source's own domain; None where all are, or none can be told.
+
+    A triangular mesh ends at the coast: what is outside it may be land.
+    """
+    if tile.matrices is None or any(isinstance(layout, Triangles) for layout in tile.layouts):
+        return None
+    held = [m.getnnz(axis=1) > 0 for m in tile.matrices]
+    inside = (held[0] & held[1]).reshape(tile.grid.nlat, -1)
+    return np.concatenate([inside, inside[:, :1]], axis=1) if tile.grid.seamless else inside
+
+
+def _same(first: Layout, second: Layout) -> bool:
+    """Whether two layouts are the same in every bit; a projection may be so and not be found to be."""
+    if type(first) is not type(second):
+        return False
+    pairs = ((getattr(first, field.name), getattr(second, field.name)) for field in fields(first))
+    return all(a is b or (isinstance(a, np.ndarray | int | float) and np.array_equal(a, b)) for a, b in pairs)
+
+
+def _together(first: Layout, second: Layout) -> bool:
+    """Whether two components stand at the same points."""
+    pairs = list(zip(layout.points(first), layout.points(second), strict=True))
+    return all(a.shape == b.shape and np.allclose(a, b, atol=1e-6, equal_nan=True) for a, b in pairs)
+
+
+def regular(first: Layout, second: Layout) -> Grid | None:
+    """Return the regular grid that both layouts are already, None where they are not."""
+    if not (isinstance(first, Axes) and isinstance(second, Axes)):
+        return None
+    if first.lon.shape != second.lon.shape or first.lat.shape != second.lat.shape:
+        return None
+    if not (np.allclose(first.lon, second.lon, atol=1e-6) and np.allclose(first.lat, second.lat, atol=1e-6)):
+        return None
+    around = np.concatenate((first.lon, first.lon[:1] + 360.0)) if first.round else first.lon
+    if not (uniform(around) and uniform(first.lat)):
+        return None
+    nlon, nlat = len(around), len(first.lat)
+    return Grid(
+        float(first.lon[0]), float(first.lat[0]), float(around[-1] - around[0]) / (nlon - 1),
+        float(first.lat[-1] - first.lat[0]) / (nlat - 1), nlon, nlat,
+    )  # fmt: skip
+
+
+def _directions(
+    grid: Grid, layouts: tuple[Layout, Layout], matrices: tuple[sp.csr_matrix, sp.csr_matrix] | None, axes: str,
+    notes: list[str],
+) -> NDArray[np.float32] | None:  # fmt: skip
+    first = layouts[0]
+    if matrices is None or isinstance(first, Axes) or (isinstance(first, Triangles) and first.projection is None):
+        return None  # the axes are east and north here, or the components have none
+    if axes == "true":
+        notes.append("components are true east and north as they stand")
+        return None
+    assumed = ' (assumed: set variables.axes = "true" if they are east and north)' if axes == "?" else ""
+    lon, lat = grids.nodes(grid)
+    if isinstance(first, Plane | Triangles):
+        result = rotation.plane_axes(first, lon, lat)
+        how = "the projection's axes"
+    else:  # each component has its own axis: at a fold they may come from different sides
+        second = layouts[1] if isinstance(layouts[1], Curved) else first
+        x, y = (
+            rotation.carried_axis(matrix, item.lon, item.lat, _x_axis(item) + quarter, lon, lat)
+            for matrix, item, quarter in ((matrices[0], first, 0.0), (matrices[1], second, np.pi / 2))
+        )
+        result = rotation.undone(x, y)
+        how = "the grid's own axes"
+    turned = np.degrees(np.arctan2(result[..., 1], result[..., 0]))
+    turned = turned[np.isfinite(turned)]
+    low, high = np.percentile(turned, (5, 95)) if turned.size else (np.nan, np.nan)
+    notes.append(
+        f"vectors rotated from {how} ({low:.1f} to {high:.1f} degrees from east) to true east and north{assumed}"
+    )
+    return result
+
+
+def _x_axis(item: Curved) -> Array:
+    """Return the angle [rad] of a curved grid's x axis from east at its points."""
+    return item.angle if item.angle is not None else rotation.curved_angle(item.lon, item.lat, layout.joins(item))
+
+
+def _components(tile: Tile, i: int) -> tuple[Array, Array, int]:
+    """Return both components of slice i at their own points, and how many undeclared fill values they held."""
+    values, strange = [], 0
+    for k in (0, 1):
+        value, count = slices.read(tile.components[k], tile.layouts[k], i)
+        if tile.dry is not None:
+            value[tile.dry[k]] = np.nan
+        values.append(value)
+        strange += count
+    return values[0], values[1], strange
+
+
+def _carried(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return components (nlat, columns) on the grid, still along their own axes."""
+    if tile.matrices is None:
+        return np.asarray(x, np.float32), np.asarray(y, np.float32)
+    shape = (tile.grid.nlat, tile.grid.columns)
+    a, b = (regrid.carry(m, v).reshape(shape) for m, v in zip(tile.matrices, (x, y), strict=True))
+    if tile.about_pole is not None:
+        common = sphere.to_pole(*tile.about_pole, x, y)
+        east, north = (regrid.carry(m, v).reshape(shape) for m, v in zip(tile.matrices, common, strict=True))
+        rows = np.abs(tile.grid.lat) > ABOUT_POLE
+        lon, lat = np.radians(tile.grid.lon[: tile.grid.columns]), tile.grid.lat[rows][:, None]
+        a[rows], b[rows] = sphere.from_pole(lon, lat, east[rows], north[rows])
+    return a, b
+
+
+def _finished(tile: Tile, x: NDArray[np.float32], y: NDArray[np.float32]) -> Values:
+    """Turn carried components to east and north; missing where either is."""
+    result = np.empty((tile.grid.nlat, tile.grid.nlon, 2), np.float32)
+    own = tile.grid.columns
+    result[:, :own, 0], result[:, :own, 1] = rotation.turn(x, y, tile.directions)
+    if own < tile.grid.nlon:
+        result[:, own:] = result[:, :1]
+    result[np.isnan(result).any(axis=2)] = np.nan
+    if tile.grid.seamless:
+        for row, inner in ((0, 1), (-1, -2)):
+            if abs(tile.grid.lat[row]) > 90.0 - 1e-6:
+                result[row] = _at_pole(result[row], result[inner], tile.grid.lon, float(tile.grid.lat[row]))
+    return result
+
+
+def _at_pole(own: Values, inner: Values, lon: Array, lat: float) -> Values:
+    """Return the row of a pole, where all columns are one place: one vector, as east and north at each meridian.
+
+    Files write it in several ways. Where a file's own columns do not agree it is the mean of the row before the pole.
+
+    Args:
+        own: east and north [m/s] of the row of the pole, shape (nlon, 2).
+        inner: those of the row before it, shape (nlon, 2).
+        lon: of the columns [deg], shape (nlon,).
+        lat: of the pole, 90 or -90 [deg].
+    """
+
+    def mean(row: Values) -> Array:
+        """Return the mean vector [m/s] as it is at the meridian of 0."""
+        each = np.stack(sphere.to_pole(np.radians(lon), lat, *row.astype(float).T), axis=-1)[:-1]
+        known = np.isfinite(each).all(axis=1)
+        return np.asarray(each[known].mean(axis=0) if known.any() else np.full(2, np.nan))
+
+    vector = mean(own)
+    if not np.hypot(*vector) >= AGREES * np.nanmax(np.append(np.hypot(*own.T), 0.0)):
+        vector = mean(inner)
+    return np.stack(sphere.from_pole(np.radians(lon), lat, *vector), axis=-1).astype(np.float32)
+
+
+def read(tile: Tile, i: int) -> Values:
+    """Return slice i: float32 (nlat, nlon, 2), true east and north [m/s], NaN missing. Any thread may call it."""
+    x, y, _ = _components(tile, i)
+    return _finished(tile, *_carried(tile, x, y))
+
+
+def examine(tile: Tile, count: int, seen: Survey) -> Examined:
+    """Return what the first slice shows: what is missing, what regridding costs, and which nodes are land."""
+    notes: list[str] = []
+    if seen.dry:
+        tile = replace(tile, dry=_dry(tile, seen.looked_at))
+    x, y, strange = _components(tile, 0)
+    if strange:
+        notes.append(f"{strange} values of the first slice are fill values that the file does not declare: missing")
+    a, b = _carried(tile, x, y)
+    first = _finished(tile, a, b)
+    missing = float(np.isnan(first[..., 0]).mean())
+    empty = missing == 1.0 and not any(np.isfinite(read(tile, i)).any() for i in {count // 2, count - 1} - {0})
+    if tile.matrices is not None and missing < 1.0:
+        notes.append(cost.of(tile.grid, tile.layouts, (a, b), (x, y)))
+    return Examined(tile, missing, empty, strange, tuple(notes))
+
+
+def _dry(tile: Tile, looked_at: tuple[int, ...]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the points of each component that are exactly zero, or missing, in all these slices."""
+    zero = [still(tile, i) for i in looked_at]
+    return np.logical_and.reduce([u for u, _ in zero]), np.logical_and.reduce([v for _, v in zero])
+
+
+def still(tile: Tile, i: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the points of each component that are exactly zero, or missing, in slice i."""
+    values = _components(tile, i)[:2]
+    u, v = (
+        slices.still(value / c.factor, c, i) | np.isnan(value) for value, c in zip(values, tile.components, strict=True)
+    )
+    return (u & v, u & v) if u.shape == v.shape else (u, v)

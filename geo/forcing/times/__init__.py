@@ -1,0 +1,1 @@
+"""When the slices of a file are: clocks, means, forecasts in several runs."""

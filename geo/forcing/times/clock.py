@@ -1,0 +1,198 @@
+"""The times of a file's slices as UTC datetime64[s].
+
+Non-standard calendars are read date by date: 360_day's 30 February has no counterpart and is refused. What
+has no meaning as a time (climatologies, "day as %Y%m%d", a zone such as MDT, a lone time stamp) is rejected with the key
+that lets the user state it. Slices at the end of a file whose times are missing are left out.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import cftime
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from geo.errors import UserError
+from geo.forcing.times import epoch
+
+Times = NDArray[np.datetime64]
+
+NAMES = ("time", "ocean_time", "time_counter", "valid_time", "Time", "TIME", "MT", "t")
+OWN = {"standard", "gregorian", "proleptic_gregorian"}
+EARLIEST = np.datetime64("1800-01-01", "s")  # earlier dates are those of climatologies and ideal runs, not of forecasts
+CENTRED = ("time_centered", "time_instant", "valid_time")  # what a variable's coordinates may name beside its axis
+FILLS = (9.969209968386869e36, -2147483647.0, -9223372036854775806.0)  # netCDF's own, where no attribute declares them
+STEPS = (3600, 1800, 1200, 900, 600, 300, 60, 10)  # [s] what times in single precision are rounded to
+
+
+def variable_of(data: xr.Dataset, dims: Sequence[str], chosen: Mapping[str, Any], coordinates: str = "") -> str | None:
+    """Return the name of the time variable that goes with a variable of these dimensions, None without one.
+
+    coordinates: the variable's attribute. Where it names a time, it is that: NEMO's axis may count the ends of what
+    `time_centered` is the middle of.
+    """
+    listed = set(coordinates.split())
+    if "time" in chosen:
+        if chosen["time"] not in data.variables:
+            raise UserError(f'no time variable "{chosen["time"]}"; it holds {", ".join(map(str, data.variables))}')
+        return str(chosen["time"])
+
+    def rank(name: str) -> int:
+        attributes = data[name].attrs
+        timely = str(attributes.get("standard_name", "")) == "time"
+        return (
+            16 * (name in listed and (timely or name in CENTRED))
+            + 4 * timely
+            + 2 * epoch.is_shifted(str(attributes.get("units", "")))
+            + (name in NAMES)
+            + 8 * (data[name].dims == (name,))
+        )
+
+    fitting = [str(n) for n, v in data.variables.items() if v.ndim <= 1 and set(map(str, v.dims)) <= set(dims)]
+    fitting = [
+        n
+        for n in fitting
+        if str(data[n].attrs.get("standard_name", "")) == "time"
+        or str(data[n].attrs.get("axis", "")) == "T"
+        or epoch.is_shifted(str(data[n].attrs.get("units", "")))
+        or n in NAMES
+    ]
+    fitting = [n for n in fitting if "reference" not in str(data[n].attrs.get("standard_name", ""))]
+    lasting = [n for n in fitting if data[n].ndim == 1] or fitting
+    return max(lasting, key=rank) if lasting else None
+
+
+def decode(data: xr.Dataset, name: str, zone: int | None = None, trim: bool = False) -> tuple[Times, list[str]]:
+    """Return the times [UTC] of a time variable and remarks on how they were understood.
+
+    zone: [s] ahead of UTC, as a case states it; trim: times that are missing at the end are left out, else rejected.
+    """
+    variable = data[name]
+    values = np.atleast_1d(np.asarray(variable.values))
+    units, notes = str(variable.attrs.get("units", "")), list[str]()
+    if "climatology" in variable.attrs:
+        raise UserError(f'"{name}" is a climatology\'s time')
+    if {"Itime", "Itime2"} <= set(data.variables):  # FVCOM: whole days and milliseconds, exact
+        start = np.datetime64("1858-11-17", "ms") - np.timedelta64(zone or 0, "s")
+        days = np.atleast_1d(data["Itime"].values).astype("timedelta64[D]")
+        return _seconds(start + days + np.atleast_1d(data["Itime2"].values).astype("timedelta64[ms]")), notes
+    if np.issubdtype(values.dtype, np.datetime64):
+        return _seconds(values), notes
+    if not epoch.is_shifted(units):
+        raise UserError(f'"{name}" has units "{units}", which give no date')
+    if not np.issubdtype(values.dtype, np.number):
+        raise UserError(f'"{name}" holds no numbers')
+    numbers = np.where(np.isin(values, FILLS), np.nan, values.astype(np.float64))
+    there = np.flatnonzero(np.isfinite(numbers))
+    kept = numbers[: there[-1] + 1] if trim and there.size else numbers
+    if not np.isfinite(kept).all():
+        raise UserError(f'"{name}" has missing values')
+    if len(kept) < len(numbers):
+        notes.append(f"{len(numbers) - len(kept)} slices at the end have no time: left out")
+    calendar = str(variable.attrs.get("calendar", "standard")).lower()
+    times = dates(kept, units, calendar, name, zone)
+    if calendar not in OWN:
+        notes.append(f'calendar "{calendar}": its dates are taken as they are written')
+    if (times < EARLIEST).any():
+        raise UserError(f'"{name}" starts in the year {str(times.min())[:4]}, which is no real date')
+    if values.dtype == np.float32:
+        grain = float(np.spacing(np.abs(values[: len(kept)]).max())) * epoch.parse(units, zone).seconds
+        if grain > 0.5:
+            times, step = _snapped(times, grain)
+            notes.append(f"times stored in single precision (to {grain:.0f} s): rounded to {step} s")
+    return times, notes
+
+
+def dates(numbers: NDArray[np.float64], units: str, calendar: str, name: str, zone: int | None = None) -> Times:
+    """Return the times [UTC] of numbers in units of time; name: of their variable, for messages."""
+    try:
+        since = epoch.parse(units, zone)
+    except UserError as error:
+        raise type(error)(f'"{name}" has {error}') from error
+    try:
+        found = cftime.num2date(numbers * since.scale, since.units, calendar, only_use_cftime_datetimes=True)
+    except (ValueError, OverflowError, TypeError) as error:
+        raise UserError(f'"{name}" has units "{units}" in calendar "{calendar}", not understood') from error
+    try:
+        times = _seconds(np.array([np.datetime64(date.isoformat(), "us") for date in np.ravel(found)]))
+    except ValueError as error:
+        raise UserError(f'"{name}" holds dates of the calendar "{calendar}" that do not exist: {error}') from error
+    return np.asarray(times - np.timedelta64(since.zone, "s")).reshape(np.shape(numbers))
+
+
+def counts(data: xr.Dataset, name: str | None) -> tuple[Any, str] | None:
+    """Return what a file counts its slices by, where only their order is wanted: numbers, and their units."""
+    if name is None:
+        return None
+    values = np.atleast_1d(np.asarray(data[name].values))
+    if values.ndim != 1 or not np.issubdtype(values.dtype, np.number) or not np.isfinite(values).all():
+        return None
+    return values.astype(np.float64), str(data[name].attrs.get("units", ""))
+
+
+def order(counted: Sequence[tuple[Any, str] | None], sizes: Sequence[int]) -> NDArray[np.int64] | None:
+    """Return the order in time of the slices of all files, that a case may state their times; None: as they stand.
+
+    counted: see `counts`, of each file; sizes: of their slices. If all files count from one date, all numbers are compared, else
+    those of each file by themselves. Repeated numbers do not count.
+    """
+    whole = [own for own in counted if own is not None and len(np.unique(own[0])) == len(own[0])]
+    if len(whole) < len(counted) or any(len(own[0]) != size for own, size in zip(whole, sizes, strict=True)):
+        return None
+    if len({units for _, units in whole}) == 1 and epoch.is_shifted(whole[0][1]):
+        every = np.concatenate([numbers for numbers, _ in whole])
+        if len(np.unique(every)) == len(every):
+            return np.argsort(every, kind="stable")
+    begins = np.cumsum([0, *sizes[:-1]])
+    falling = [bool((np.diff(numbers) < 0).all()) for numbers, _ in whole]
+    parts = [
+        begin + (np.arange(size)[::-1] if turned else np.arange(size))
+        for begin, size, turned in zip(begins, sizes, falling, strict=True)
+    ]
+    return np.concatenate(parts)
+
+
+def _seconds(times: NDArray[np.datetime64]) -> Times:
+    rounded = times.astype("datetime64[us]") + np.timedelta64(500_000, "us")
+    return rounded.astype("datetime64[s]")
+
+
+def _snapped(times: Times, grain: float) -> tuple[Times, int]:
+    """Round to the coarsest step that moves no time by more than the precision it was stored with."""
+    seconds = times.astype(np.int64)
+    for step in STEPS:
+        rounded = (seconds + step // 2) // step * step
+        if np.abs(rounded - seconds).max() <= grain:
+            return rounded.astype("datetime64[s]"), step
+    return times, 1
+
+
+def replaces(times: Any) -> bool:
+    """Whether the times in a case replace the file's own."""
+    return times is not None and not (isinstance(times, Mapping) and "start" not in times)
+
+
+def zone(times: Any) -> int | None:
+    """Return the zone that a case states for a file's times [s] ahead of UTC, None where it states none."""
+    said = times.get("zone") if isinstance(times, Mapping) else None
+    return None if said is None else epoch.zone_of(str(said))
+
+
+def stamp(times: Any) -> str:
+    """Return where in their interval slices are stamped according to the case, "" where it does not state it."""
+    return str(times.get("stamp") or "") if isinstance(times, Mapping) else ""
+
+
+def stated(times: Any, count: int, quantity: str) -> Times:
+    """Return the times a user states: {"start", "interval", ...}, or one time for each of `count` slices."""
+    if isinstance(times, Mapping):
+        start, interval = np.datetime64(times["start"], "s"), np.timedelta64(times["interval"]).astype("m8[s]")
+        result = start + interval * np.arange(count)
+    else:
+        result = np.asarray(times).astype("datetime64[s]").reshape(-1)
+    if len(result) != count:
+        raise UserError(f"[[{quantity}]] times states {len(result)} times, but the files hold {count} slices")
+    if (np.diff(result) <= np.timedelta64(0, "s")).any():
+        raise UserError(f"[[{quantity}]] times must increase")
+    return np.asarray(result)

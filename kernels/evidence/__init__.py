@@ -1,0 +1,1 @@
+"""What sensors reveal about each particle."""

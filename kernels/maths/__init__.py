@@ -1,0 +1,1 @@
+"""Point mathematics: the sphere, sines on every backend, random numbers."""

@@ -1,0 +1,1 @@
+"""What planned searches would find."""

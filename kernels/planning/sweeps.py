@@ -1,0 +1,282 @@
+"""What legs that are flown find of moving particles whose tracks are kept.
+
+This is the exact detection that a plan is refined on.
+
+The mathematics is that of the search itself (kernels.evidence.sweep), in a plane instead of on the sphere: two straight motions
+at a time, of a leg and of a particle within a time bin. What is under way before a time of its own, its turn, is seen
+as such until then. A Brownian bridge is passed at the mean velocity of its leg, not along its noise, and abeam of a leg
+once, as in kernels.evidence.sweep. Near a sensor it is followed within a bin, at Levy's midpoints: if all of its hazard
+in a bin fell on one place, fewer particles would have more of it, and fewer would be found.
+"""
+
+import numpy as np
+import taichi as ti
+
+from kernels.evidence import sweep
+from kernels.maths import noise
+from kernels.planning.allocate import HostInts, HostReals
+from kernels.planning.rectangles import Swarm, by_state
+
+BLOCK = 128
+FAR = 5.0  # sweep widths from all legs beyond which comparisons leave a particle out: one leg finds 0.3 % there
+DEPTH = 5  # a bridge is halved so many times in a bin: five minutes to 9 s
+NEAR = 4.0  # strays of a bridge in a bin within which of a sensor it is followed, as in kernels.evidence.sweep
+SEED = 20260601  # of the midpoints: they are the same for all legs that are compared
+AREA = 0.07957747154594767  # 1 / (4 pi): the hazard's coefficient is W^2 / (4 pi) (Koopman 1980, inverse cube)
+
+f32x2 = sweep.f32x2
+
+
+@ti.func
+def _bend(i: ti.i32, t: ti.i32, share: ti.f32, stray: ti.f32) -> f32x2:
+    """Return how far a bridge is off its chord at a share of bin t: midpoints of midpoints, straight in between.
+
+    stray: K sqrt(length of the bin) [m]; a midpoint's standard deviation is half of that of its part.
+    """
+    off = f32x2(0.0, 0.0)
+    for level in range(DEPTH):
+        cells = 1 << level
+        at = share * cells
+        cell = ti.min(ti.cast(at, ti.i32), cells - 1)
+        w = noise.further(ti.u32(SEED), ti.u32(0), noise.STREAM_LEVY, i, t, cells + cell)
+        hat = 1.0 - ti.abs(2.0 * (at - cell) - 1.0)
+        off += hat * 0.5 * stray / ti.sqrt(ti.f32(cells)) * noise.normals(w[0], w[1])
+    return off
+
+
+@ti.func
+def _exposure(
+    cube: ti.template(), bridged: ti.template(), i: ti.i32, first: ti.i32, last: ti.i32, edges: ti.i32,
+    time: ti.template(), x: ti.template(), y: ti.template(), value: ti.template(), turn: ti.f32, flow_x: ti.template(),
+    flow_y: ti.template(), spread: ti.template(), node: ti.template(), table: ti.template(), scale: ti.f32,
+    scale_under_way: ti.f32,
+):  # fmt: skip
+    """Return -log of the miss of nodes [first, last), and what finding the particle then is worth.
+
+    node: (time, x, y, seeks). scale: one over the sweep width [1/m], 0 where nothing is seen. cube: the integral of ds
+    / (2 r^3) instead, while adrift and while under way, which scales leave alone.
+    """
+    total, under_way, worth = 0.0, 0.0, 0.0
+    t = 0
+    while t < edges - 2 and time[t + 1] <= node[4 * first]:
+        t += 1
+    for k in range(first, last - 1):
+        begin, end = node[4 * k], node[4 * k + 4]
+        sx, sy = node[4 * k + 1], node[4 * k + 2]
+        vx, vy = (node[4 * k + 5] - sx) / (end - begin), (node[4 * k + 6] - sy) / (end - begin)
+        pace = ti.max(ti.sqrt(vx * vx + vy * vy), sweep.TINY)
+        now = begin
+        passed = 0
+        while now < end:
+            till = ti.min(end, time[t + 1])
+            if t == edges - 2:
+                till = end
+            steers = now < turn
+            if steers and turn < till:
+                till = turn
+            own = scale
+            if steers:
+                own = scale_under_way
+            here, there = value[i * edges + t], value[i * edges + t + 1]
+            if here >= 0.0 and there >= 0.0 and node[4 * k + 3] > 0.0 and own > 0.0:
+                long = time[t + 1] - time[t]
+                px, py = x[i * edges + t], y[i * edges + t]
+                dx, dy = (x[i * edges + t + 1] - px) / long, (y[i * edges + t + 1] - py) / long
+                a = f32x2(
+                    px + dx * (now - time[t]) - sx - vx * (now - begin),
+                    py + dy * (now - time[t]) - sy - vy * (now - begin),
+                )
+                b = a + f32x2(dx - vx, dy - vy) * (till - now)
+                if ti.static(bridged):
+                    stray = spread[i * edges + t] * ti.sqrt(long)
+                    d = b - a
+                    nearest = ti.min(ti.max(-a.dot(d) / ti.max(d.dot(d), 1e-6), 0.0), 1.0)
+                    if stray > 0.0 and (a + nearest * d).norm() < NEAR * stray:
+                        next_part = ti.floor((now - time[t]) / long * (1 << DEPTH) + 1e-2) + 1.0
+                        part_ends = time[t] + next_part / (1 << DEPTH) * long
+                        if next_part < (1 << DEPTH) and part_ends > now:
+                            till = ti.min(till, part_ends)
+                        a += _bend(i, t, (now - time[t]) / long, stray)
+                        b = f32x2(
+                            px + dx * (till - time[t]) - sx - vx * (till - begin),
+                            py + dy * (till - time[t]) - sy - vy * (till - begin),
+                        ) + _bend(i, t, (till - time[t]) / long, stray)
+                more = 0.0
+                if ti.static(cube):
+                    if ti.static(bridged):
+                        middle = 0.5 * (a + b)
+                        half = 0.5 * f32x2(flow_x[i * edges + t] - vx, flow_y[i * edges + t] - vy) * (till - now)
+                        a, b = middle - half, middle + half
+                    far_a, far_b = ti.sqrt(a[0] * a[0] + a[1] * a[1]), ti.sqrt(b[0] * b[0] + b[1] * b[1])
+                    more = sweep.hazard(a, b, far_a, far_b)
+                else:
+                    ahead_a, ahead_b = -(a[0] * vx + a[1] * vy) / pace, -(b[0] * vx + b[1] * vy) / pace
+                    lateral = sweep.lateral(a, b, ahead_a, ahead_b)
+                    if lateral >= 0.0 and passed == 0:
+                        more = -ti.log(ti.max(1.0 - sweep.chance(table, lateral * own), 1e-30))
+                        if ti.static(bridged):
+                            passed = 1
+                if steers:
+                    under_way += more
+                else:
+                    total += more
+                share = (0.5 * (now + till) - time[t]) / long
+                worth += more * (here + share * (there - here))
+            if till == time[t + 1] and t < edges - 2:
+                t += 1
+            now = till
+    if total + under_way > 0.0:
+        worth /= total + under_way
+    return total, under_way, worth
+
+
+@ti.func
+def _hazard(
+    cube: ti.template(), total: ti.f32, under_way: ti.f32, w: ti.f32, w_under_way: ti.f32, factor: ti.f32
+) -> ti.f32:
+    """Return -log of the miss of what `_exposure` has returned, for sweep widths [m] and a factor of them."""
+    exponent = total + under_way
+    if ti.static(cube):
+        exponent = total * ti.f32(AREA) * w * w * factor * factor
+        exponent += under_way * ti.f32(AREA) * w_under_way * w_under_way * factor * factor
+    return exponent
+
+
+@ti.func
+def _scale(w: ti.f32, factor: ti.f32) -> ti.f32:
+    """Return one over a sweep width [1/m], 0 where nothing is seen."""
+    scale = 0.0
+    if w > 0.0:
+        scale = 1.0 / (w * factor)
+    return scale
+
+
+@ti.kernel
+def _gains(
+    cube: ti.template(), bridged: ti.template(), edges: ti.i32, time: HostReals, x: HostReals, y: HostReals,
+    value: HostReals, box: HostReals, scenario: HostInts, turn: HostReals, flow_x: HostReals, flow_y: HostReals, spread: HostReals,
+    start: HostInts, extent: HostReals, node: HostReals, table: HostReals, width: HostReals,
+    factor: HostReals, before: HostReals, later: HostReals, sums: HostReals,
+):  # fmt: skip
+    m, nodes, scenarios = scenario.shape[0], factor.shape[0], width.shape[0] // 2
+    blocks = (m + BLOCK - 1) // BLOCK
+    for cb in range(sums.shape[0]):
+        c, block = cb // blocks, cb % blocks
+        total = 0.0
+        for i in range(block * BLOCK, ti.min(block * BLOCK + BLOCK, m)):
+            w, w_under_way = width[scenario[i]], width[scenarios + scenario[i]]
+            widest = ti.max(w, w_under_way)
+            far = FAR * widest + box[3 * i + 2]
+            if (
+                widest > 0.0
+                and ti.abs(box[3 * i] - extent[4 * c]) < far + extent[4 * c + 2]
+                and ti.abs(box[3 * i + 1] - extent[4 * c + 1]) < far + extent[4 * c + 3]
+            ):
+                h, steered, worth = 0.0, 0.0, 0.0
+                for k in range(nodes):
+                    if ti.static(not cube) or k == 0:
+                        h, steered, worth = _exposure(
+                            cube, bridged, i, start[c], start[c + 1], edges, time, x, y, value, turn[i], flow_x,
+                            flow_y, spread, node, table, _scale(w, factor[k]), _scale(w_under_way, factor[k]),
+                        )  # fmt: skip
+                    exponent = _hazard(cube, h, steered, w, w_under_way, factor[k])
+                    total += before[i * nodes + k] * (worth - later[i * nodes + k]) * (1.0 - ti.exp(-exponent))
+        sums[cb] = total
+
+
+@ti.kernel
+def _found(
+    cube: ti.template(), bridged: ti.template(), edges: ti.i32, time: HostReals, x: HostReals, y: HostReals,
+    value: HostReals, box: HostReals, scenario: HostInts, turn: HostReals, flow_x: HostReals, flow_y: HostReals, spread: HostReals,
+    node: HostReals, table: HostReals, width: HostReals, factor: HostReals, found: HostReals, when: HostReals,
+):  # fmt: skip
+    nodes, scenarios = factor.shape[0], width.shape[0] // 2
+    for i in range(scenario.shape[0]):
+        when[i] = 0.0  # every element is written: a card brings back the whole array, and took none of it
+        w, w_under_way = width[scenario[i]], width[scenarios + scenario[i]]
+        h, steered, worth = 0.0, 0.0, 0.0
+        for k in range(nodes):
+            found[i * nodes + k] = 0.0
+            if ti.max(w, w_under_way) > 0.0:
+                if ti.static(not cube) or k == 0:
+                    h, steered, worth = _exposure(
+                        cube, bridged, i, 0, node.shape[0] // 4, edges, time, x, y, value, turn[i], flow_x, flow_y,
+                        spread, node, table, _scale(w, factor[k]), _scale(w_under_way, factor[k]),
+                    )  # fmt: skip
+                    when[i] = ti.max(when[i], worth)
+                exponent = _hazard(cube, h, steered, w, w_under_way, factor[k])
+                found[i * nodes + k] = 1.0 - ti.exp(-exponent)
+
+
+def _nodes(path: np.ndarray) -> np.ndarray:
+    """Return a path as it is; raise ValueError unless it has four numbers a node.
+
+    The kernels step through four numbers a node, and would misread any others.
+    """
+    if path.ndim != 2 or path.shape[1] != 4:
+        raise ValueError(f"a path has nodes (time, x, y, seeks), shape (k, 4); this one has shape {path.shape}")
+    return path
+
+
+def _extent(points: np.ndarray) -> np.ndarray:
+    """Return the middle and half the sides of the box of points (k, 2)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    return np.concatenate([(low + high) / 2, (high - low) / 2])
+
+
+def gains(
+    particles: Swarm, table: np.ndarray | None, paths: list[np.ndarray], width: np.ndarray, factor: np.ndarray,
+    before: np.ndarray, later: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Return what each path finds, float64.
+
+    This is the sum of before * (worth - later) * (1 - miss) over particles and nodes.
+
+    table: a lateral range curve (range / W, chance, ...), None: inverse cube; paths: nodes (time [s], x, y [m], whether
+    the leg to the next one searches), straight in between; what is far from all of one (FAR) is left out; width: sweep
+    width [m] by scenario, (scenarios,), or by state (2, scenarios); factor: of it at each node; before, later: (m, nodes).
+    """
+    start = np.concatenate([[0], np.cumsum([len(p) for p in paths])]).astype(np.int32)
+    extent = np.concatenate([_extent(p[:, 1:3]) for p in paths]).astype(np.float32)
+    m = particles.scenario.shape[0]
+    sums = np.zeros(len(paths) * -(-m // BLOCK), np.float32)
+    node, widths, factors, weight, rest = (
+        np.ascontiguousarray(v, np.float32).reshape(-1)
+        for v in (_nodes(np.concatenate(paths)), by_state(width), factor, before, later)
+    )
+    curve = np.zeros(4, np.float32) if table is None else np.asarray(table, np.float32).reshape(-1)
+    _gains(
+        table is None,
+        len(particles.flow_x) > 0,
+        particles.time.shape[0],
+        *particles.resident,
+        start,
+        extent,
+        node,
+        curve,
+        widths,
+        factors,
+        weight,
+        rest,
+        sums,
+    )
+    return sums.astype(np.float64).reshape(len(paths), -1).sum(axis=1)
+
+
+def found(
+    particles: Swarm, table: np.ndarray | None, path: np.ndarray, width: np.ndarray, factor: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what one path finds of each particle.
+
+    The results are 1 - miss for each particle and node, float32 (m, nodes), and what finding the particle then is
+    worth, (m,).
+    """
+    m = particles.scenario.shape[0]
+    b, worth = np.zeros(m * len(factor), np.float32), np.zeros(m, np.float32)
+    node, widths, factors = (
+        np.ascontiguousarray(v, np.float32).reshape(-1) for v in (_nodes(path), by_state(width), factor)
+    )
+    curve = np.zeros(4, np.float32) if table is None else np.asarray(table, np.float32).reshape(-1)
+    bridged, edges = len(particles.flow_x) > 0, particles.time.shape[0]
+    _found(table is None, bridged, edges, *particles.resident, node, curve, widths, factors, b, worth)
+    return b.reshape(m, -1), worth

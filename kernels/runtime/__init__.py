@@ -1,0 +1,1 @@
+"""Taichi: started once, arrays moved, launches bound, cards found."""

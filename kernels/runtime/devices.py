@@ -1,0 +1,170 @@
+"""Graphics cards: what is known of one, whether kernels can run on it, and which one `--backend auto` takes.
+
+kernels.runtime.drivers asks for them; here nothing is asked, and nothing is started.
+"""
+
+import os
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from geo import notation
+from geo.errors import UserError
+
+WORTH = 100_000  # particles, an estimate: a step costs the host 0.5 ms, as 40,000 do on 16 cores (docs/backends.md)
+LEAST = (
+    2**30
+)  # [bytes] of a card for its context, kernels, forcing and coast; Taichi 1.7.4 takes as many of old drivers
+CAPABILITY = (6, 0)  # of CUDA: the first that adds float64 atomically (CUDA C++ Programming Guide, "Atomic Functions")
+DRIVER = 10_000  # CUDA 10.0: Taichi 1.7.4 starts on no older driver ("requires at least CUDA 10.0")
+VULKAN = (1, 1)  # subgroups, and 8 bits in storage buffers
+BUFFERS = 31  # of the largest kernel, steer._steer: its arrays, and what Taichi adds (tests/test_kernel_constructs.py)
+MESA = 25  # software devices of older Mesa compute wrongly and say nothing; 22.3 was tried (docs/backends.md)
+KINDS = ("other", "integrated", "discrete", "virtual", "software")  # by VkPhysicalDeviceType
+SHARING = ("integrated", "software")  # that have the processor's memory
+BEST_FIRST = ("discrete", "integrated", "virtual", "other", "software")
+PICKING = "TI_VISIBLE_DEVICE"  # environment variable of Taichi, for Vulkan
+CARDS = ("cuda", "vulkan", "metal")  # backends, in the order in which auto asks for cards
+
+
+@dataclass(frozen=True)
+class Device:
+    """A graphics card, or a program that stands in for one, as one backend sees it."""
+
+    backend: str
+    number: int  # in the order of its driver
+    name: str
+    kind: str  # of KINDS
+    driver: str  # with its version
+    total: int | None = None  # [bytes] of memory that it reaches at once; None: unknown
+    free: int | None = None  # [bytes] of that
+    unfit: str = ""  # why kernels cannot run on it; "": they can
+    remedy: str = ""  # what to do then
+
+    @property
+    def identity(self) -> str:
+        """Return name and driver, by which results of one device are told from another's."""
+        return f"{self.name}, {self.driver}"
+
+    @property
+    def room(self) -> int | None:
+        """Return how much of its own memory is free [bytes]; None where it uses the processor's, or where it is unknown."""
+        return None if self.kind in SHARING else self.total if self.free is None else self.free
+
+    @property
+    def memory(self) -> str:
+        """Return how much of its memory is free, in words."""
+        if self.kind in SHARING or self.total is None:
+            return "the processor's memory" if self.kind in SHARING else "memory unknown"
+        free = "unknown" if self.free is None else notation.size(self.free)
+        return f"{free} of {notation.size(self.total)} free"
+
+
+@dataclass(frozen=True)
+class Listed:
+    """What the driver of a backend lists."""
+
+    backend: str
+    devices: tuple[Device, ...] = ()
+    why: str = ""  # it lists none
+    remedy: str = ""
+
+    @property
+    def taken(self) -> Device | None:
+        """Return the device that the backend starts: CUDA's first; of Vulkan the one that is named, else the best."""
+        named = os.environ.get(PICKING, "") if self.backend == "vulkan" else "0"
+        if named.isdecimal() and int(named) < len(self.devices):
+            return self.devices[int(named)]
+        order = lambda one: (bool(one.unfit), BEST_FIRST.index(one.kind), one.number)  # noqa: E731
+        return min(self.devices, key=order, default=None)
+
+    @property
+    def unfit(self) -> tuple[str, str]:
+        """Return why kernels cannot run on this backend, and what to do; empty where they can."""
+        device = self.taken
+        if device is None:
+            return self.why, self.remedy
+        return (f"{device.name}: {device.unfit}", device.remedy) if device.unfit else ("", "")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What `--backend auto` takes: a device, or the processor; and why."""
+
+    device: Device | None
+    why: str
+    missed: bool = False  # a card is there, and cannot be used
+
+
+def automatic(lanes: int | None, ask: Callable[[str], Listed]) -> Choice:
+    """Return what `--backend auto` takes: the first backend with a usable card of its own, where it is worth it.
+
+    lanes: particles, or of a tracking case clouds, that kernels can move side by side; None: unknown. ask: lists the
+    devices of a backend (kernels.runtime.drivers.ask). A graphics unit inside a processor shares the memory that bounds a step,
+    and a software device is the processor: auto takes neither.
+    """
+    if lanes is not None and lanes < WORTH:
+        return Choice(None, f"a card is worth it from {WORTH:,} particles or clouds on, and this has {lanes:,}")
+    whys, missed = [], False
+    for backend in CARDS:
+        listed = ask(backend)
+        device, (unfit, remedy) = listed.taken, listed.unfit
+        if device is not None and not unfit and device.kind == "discrete":
+            return Choice(device, f"{device.identity}; {device.memory}")
+        there = device is not None and device.kind == "discrete"
+        missed |= there
+        alone = (
+            "" if device is None else f"{device.name} is {'an' if device.kind[0] in 'io' else 'a'} {device.kind} device"
+        )
+        whys.append(f"{backend}: {unfit or alone}{f' ({remedy})' if there else ''}")
+    return Choice(None, "; ".join(whys), missed)
+
+
+def usable(listed: Listed) -> Device:
+    """Return the device that a backend takes; raise UserError, saying what to do, where kernels cannot run on it."""
+    device, (unfit, remedy) = listed.taken, listed.unfit
+    if device is None or unfit:
+        ways = f"{remedy}, or use --backend cpu" if remedy else "use --backend cpu"
+        raise UserError(f"--backend {listed.backend}: {unfit}; {ways}")
+    return device
+
+
+def fullness(free: int | None) -> tuple[str, str]:
+    """Return that a card is full and what to do; empty where it is not, or where that is unknown."""
+    if free is None or free >= LEAST:
+        return "", ""
+    why = f"{notation.size(free)} of its memory are free, and a run needs {notation.size(LEAST)} beside its particles"
+    return why, "end other programs on the card (nvidia-smi lists them on NVIDIA's)"
+
+
+def cuda_unfit(capability: tuple[int, int], version: int, free: int | None) -> tuple[str, str]:
+    """Return why kernels cannot run on a card of CUDA, and what to do; empty where they can.
+
+    version: of CUDA that its driver knows, 1000 * major + 10 * minor; free: [bytes] of its memory.
+    """
+    if capability < CAPABILITY:
+        why = f"its compute capability is {capability[0]}.{capability[1]}, and kernels need 6.0"
+        return why, "take a card of 2016 or later (Pascal)"
+    if version < DRIVER:
+        return (
+            f"its driver knows CUDA {version // 1000}.{version % 1000 // 10}, and Taichi needs CUDA 10.0",
+            "update NVIDIA's driver",
+        )
+    return fullness(free)
+
+
+def vulkan_unfit(
+    version: tuple[int, int], lacks: Sequence[str], buffers: int, kind: str, driver: str
+) -> tuple[str, str]:
+    """Return why kernels cannot run on a device of Vulkan, and what to do; empty where they can."""
+    if version < VULKAN:
+        return f"it knows Vulkan {version[0]}.{version[1]}, and kernels need 1.1", "update its driver"
+    mesa = re.search(r"Mesa (\d+)", driver)
+    if kind == "software" and (mesa is None or int(mesa[1]) < MESA):
+        remedy = f"install Mesa {MESA} or later (Debian 12: mesa-vulkan-drivers of bookworm-backports)"
+        return f"software of {driver or 'an unknown driver'}, which may compute wrongly and say nothing", remedy
+    if lacks:
+        return f"it lacks {', '.join(lacks)}, which kernels need", "take another card"
+    if buffers < BUFFERS:
+        return f"it hands {buffers} buffers to a kernel, and kernels take up to {BUFFERS}", "update its driver"
+    return "", ""

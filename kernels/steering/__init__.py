@@ -1,0 +1,1 @@
+"""One step of what steers: itineraries, paths and their pieces."""

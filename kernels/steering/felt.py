@@ -1,0 +1,118 @@
+"""How fast the current sets targets under way off their reckoned way, where they do not make it good.
+
+A vessel that keeps its course by dead reckoning heads and goes through the water as its itinerary has it, and the
+current at the place where it really is carries it besides: dX/dt = way through the water + current(X, t). Its course is
+a compass course: at a higher latitude than reckoned the same way east spans more longitude. What sets it off is held
+constant over a step, as it is in the step's middle (the explicit midpoint rule, of order 2).
+"""
+
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from kernels.maths import noise, sphere
+from kernels.runtime import batch, rows, runtime
+from kernels.runtime.batch import Batch
+from kernels.steering import steer
+from kernels.steering.steer import Own
+from kernels.step import errors, life
+from kernels.step.coast import Ints, Reals
+from kernels.step.sample import Ranges, Sea, Tiles, members_of, sample
+from kernels.step.velocity import CURRENT_FROM, CURRENT_TO
+
+f32x2 = ti.types.vector(2, ti.f32)
+
+
+@ti.kernel
+def _feel(
+    members: ti.template(),
+    listed: ti.template(),
+    first: ti.i32,
+    last: ti.i32,
+    slots: Ints,
+    shift: Ints,
+    columns: steer.Columns,
+    error_rows: Reals,
+    member: Ints,
+    sea: Sea,
+    lon: Ints,
+    lat: Ints,
+    east: Reals,
+    north: Reals,
+    std: ti.f32,
+    memory: ti.f32,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    elapsed: ti.i32,
+    duration: ti.i32,
+    step: ti.i32,
+    middle: ti.i32,
+):
+    for j in range(first, last):
+        i = batch.slot(listed, slots, j)
+        end = elapsed + duration
+        begin, until = ti.max(elapsed, steer.departure(columns, i)), ti.min(end, columns.release[i])
+        if steer.under_way(columns, i, end) and begin < until:
+            dt = ti.cast(until - begin, ti.f32)
+            n = columns.lon.shape[0]  # a row's length
+            east_at, bias_at = errors.CURRENT_ERROR * n + i, errors.CURRENT_BIAS * n + i
+            old = f32x2(error_rows[east_at], error_rows[east_at + n])
+            error, since = old, ti.cast(begin - elapsed, ti.f32)
+            if middle == 1:
+                w = noise.words(seed0, seed1, noise.STREAM_FELT, i + shift[columns.scenario[i]], step)
+                new = errors.transition(old, std, errors.kept(memory, dt), noise.normals(w[0], w[1]))
+                error_rows[east_at], error_rows[east_at + n] = new[0], new[1]
+                error, since = 0.5 * (old + new), since + 0.5 * dt
+            fraction = since / ti.cast(duration, ti.f32)
+            among = 0
+            if ti.static(members):
+                among = member[i]
+            r = sample(members, sea, sea.ranges[CURRENT_FROM], sea.ranges[CURRENT_TO], lon[i], lat[i], fraction, among)
+            u, v = r[0] + error[0] + error_rows[bias_at], r[1] + error[1] + error_rows[bias_at + n]
+            per_metre = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
+            secant = 1.0 / sphere.cos_lat(lat[i])
+            lon_at, lat_at = Own.SET_RATE_LON * n + i, Own.SET_RATE_LAT * n + i
+            through = east[i] - columns.steer_real[lon_at] / (per_metre * secant)
+            so_far = columns.steer_real[lat_at] * ti.cast(middle * (until - begin) // 2, ti.f32)
+            set_lat = columns.steer_whole[Own.SET_LAT * n + i]
+            reckoned = lat[i] - set_lat - ti.cast(ti.round(so_far), ti.i32)
+            wider = through * (secant - 1.0 / sphere.cos_lat(reckoned))
+            if r[2] > 0.5:
+                columns.steer_real[lon_at] = (u * secant + wider) * per_metre
+                columns.steer_real[lat_at] = v * per_metre
+            elif middle == 1:
+                columns.status[i], columns.status_since[i] = life.OUTSIDE, begin
+
+
+def feel(
+    columns,
+    own: Batch,
+    plan,
+    seed: int,
+    coast,
+    error,
+    tiles: Tiles,
+    ranges: Ranges,
+    std: float,
+    memory: float,
+    step: Any,
+) -> None:
+    """Write how fast the current sets targets off during the step about to be made, and make a step of its error.
+
+    columns: by name, those of kernels.steering.steer.COLUMNS; own, plan, seed, coast: see kernels.steering.steer. error: by name, the
+    columns of errors.ROWS [m/s], float32 (n,), and of members where the tiles have any. tiles, ranges: of the current
+    over the step. std [m/s], memory [s]: of the current's error, a component. A target where the current is not known is lost: it has no forcing.
+    """
+    for middle in (0, 1):
+        lon, lat = runtime.copy(columns["lon"]), runtime.copy(columns["lat"])
+        velocity = (
+            runtime.upload(np.zeros(lon.shape[0], np.float32)),
+            runtime.upload(np.zeros(lon.shape[0], np.float32)),
+        )
+        steer.inside(columns, own, plan, seed, None, coast, step, (lon, lat), step.elapsed, 0, 0, velocity, middle)
+        _feel(
+            tiles.members > 1, *own.launched, steer.packed(columns),
+            rows.whole(error, errors.ROWS), members_of(error, tiles), tiles.sea(ranges),
+            lon, lat, *velocity, std, memory, *noise.key(seed), step.elapsed, step.duration, step.number, middle,
+        )  # fmt: skip

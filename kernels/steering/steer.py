@@ -1,0 +1,541 @@
+"""One lattice step of all targets that steer, and where they are inside it.
+
+A target goes from one event of its itinerary to the next in pieces, each by a rhumb line, or along or about a great
+circle (kernels.steering.ways). The same pieces are made again, bit by bit, from what was kept of the step's begin, wherever
+something inside the step is asked for: where a target is at a time, and, once for all sensors, what these have seen
+of it (kernels.steering.pieces).
+
+A target that feels the current keeps to its itinerary by dead reckoning, and the current sets it off its reckoned way,
+steadily within a step (kernels.steering.felt). What the columns hold is where it is; itineraries know only the reckoned place.
+"""
+
+from typing import Any
+
+import taichi as ti
+
+from kernels.maths import angles, noise, sphere, spreads
+from kernels.runtime import batch, launch, rows, runtime
+from kernels.runtime.batch import Batch
+from kernels.steering import itinerary, ways
+from kernels.steering.itinerary import (
+    BETWEEN,
+    NEVER,
+    PHASE,
+    POINT,
+    POINT_LAW,
+    RATE,
+    SHARE,
+    STOPPED,
+    STORY,
+    STORY_LAW,
+    TRIES,
+    Chance,
+    Plan,
+    Target,
+    aim,
+    on_course,
+    own_k,
+    own_speed,
+    own_start,
+    set_at,
+)
+from kernels.steering.pieces import NONE, Pieces, Room, note
+from kernels.step import life
+from kernels.step.coast import Coast, DeviceCoast, Ints, Reals, first_crossing, is_wet, open_sea
+
+MOVED, NOTED, BOTH = range(3)  # what a launch does with targets
+BIRTH = -(2**31)  # number of the lattice step, as a key, of what is drawn before any step
+MOST_TRIES = 4096  # candidates of a first place, as in kernels.step.prior
+Longs = ti.types.ndarray(dtype=ti.i64, ndim=1)
+
+f32x2 = ti.types.vector(2, ti.f32)
+
+# The columns of an ensemble that the itinerary of a target needs, of shape (n,) each: those of the core, and those in
+# the rows of one array of whole numbers and of one of others (kernels.runtime.rows).
+CORE = ("lon", "lat", "status", "release", "status_since", "edge", "scenario")
+WHOLE = ("birth", "departure", "phase", "leg", "to_lon", "to_lat", "to_time", "phase_end", "set_lon", "set_lat")
+REAL = ("course", "speed", "set_rate_lon", "set_rate_lat")
+COLUMNS = {**dict.fromkeys((*CORE, *WHOLE), Ints), **dict.fromkeys(REAL, Reals)}
+Columns = ti.types.argpack(**dict.fromkeys(CORE, Ints), steer_whole=Ints, steer_real=Reals)
+
+
+class Own:
+    """In which rows of their arrays the columns of WHOLE and REAL stand."""
+
+    BIRTH, DEPARTURE, PHASE, LEG, TO_LON, TO_LAT, TO_TIME, PHASE_END, SET_LON, SET_LAT = range(10)
+    COURSE, SPEED, SET_RATE_LON, SET_RATE_LAT = range(4)
+
+
+Terms = ti.types.struct(
+    seed0=ti.u32,
+    seed1=ti.u32,
+    west=ti.i32,  # see kernels.step.advance.Domain
+    south=ti.i32,
+    width=ti.u32,
+    height=ti.u32,
+)
+
+
+@ti.func
+def loaded(columns: ti.template(), i: ti.i32, elapsed: ti.i32) -> Target:
+    """Return target i as its columns have it at the begin of a step [s], or at its departure in the step."""
+    own, real = ti.static(columns.steer_whole, columns.steer_real)
+    n = columns.lon.shape[0]  # a row's length
+    begin = ti.max(elapsed, departure(columns, i))
+    set_lon, set_lat = own[Own.SET_LON * n + i], own[Own.SET_LAT * n + i]
+    return Target(
+        lon=columns.lon[i] - set_lon, lat=columns.lat[i] - set_lat, time=begin,
+        phase=own[Own.PHASE * n + i], leg=own[Own.LEG * n + i],
+        to_lon=own[Own.TO_LON * n + i], to_lat=own[Own.TO_LAT * n + i], to_time=own[Own.TO_TIME * n + i],
+        phase_end=own[Own.PHASE_END * n + i], course=real[Own.COURSE * n + i], speed=real[Own.SPEED * n + i], over=0,
+        set_lon=set_lon, set_lat=set_lat,
+        rate_lon=real[Own.SET_RATE_LON * n + i], rate_lat=real[Own.SET_RATE_LAT * n + i], set_since=begin,
+    )  # fmt: skip
+
+
+@ti.func
+def departure(columns: ti.template(), i: ti.i32) -> ti.i32:
+    """Return when [s] target i gets under way."""
+    return columns.steer_whole[Own.DEPARTURE * columns.lon.shape[0] + i]
+
+
+@ti.func
+def birth(columns: ti.template(), i: ti.i32) -> ti.i32:
+    """Return the slot in which target i was born."""
+    return columns.steer_whole[Own.BIRTH * columns.lon.shape[0] + i]
+
+
+@ti.func
+def under_way(columns: ti.template(), i: ti.i32, end: ti.i32):
+    """Return whether target i is under way before the end [s] of a step that has not been made."""
+    state = columns.status[i]
+    return state == life.UNDER_WAY or (state == life.PENDING and departure(columns, i) < end)
+
+
+@ti.func
+def wanders(plan: ti.template(), key: Chance, target: Target) -> ti.f32:
+    """Return K [m/sqrt(s)] of the way on which a target is; 0: it keeps to its line."""
+    k = 0.0
+    if plan.numbers[target.phase * PHASE] == itinerary.WAY:
+        k = own_k(plan, key, target.phase)
+    return k
+
+
+@ti.func
+def piece(plan: ti.template(), key: Chance, target: Target, k: ti.f32, until: ti.i32):
+    """Return (lon, lat, time) where the next piece of a target's way ends: at `until` [s], or at its next event.
+
+    k: see `wanders`.
+    """
+    end = ti.min(until, target.to_time)
+    x, y = target.to_lon, target.to_lat
+    if on_course(plan, target.phase):
+        x, y = ways.rhumb(target.lon, target.lat, target.course, target.speed * ti.cast(end - target.time, ti.f32))
+    elif end < target.to_time:
+        dt, rest = ti.cast(end - target.time, ti.f32), ti.cast(target.to_time - end, ti.f32)
+        normal = f32x2(0.0)
+        if k > 0.0:
+            w = noise.further(key.seed0, key.seed1, noise.STREAM_WAY, key.slot, key.step, key.count)
+            normal = noise.normals(w[0], w[1])
+        x, y = ways.toward(target.lon, target.lat, target.to_lon, target.to_lat, dt, rest, k, normal)
+    return x, y, end
+
+
+@ti.func
+def amid(
+    plan: ti.template(), target: Target, k: ti.f32, x: ti.i32, y: ti.i32, end: ti.i32, time: ti.f32, normal: f32x2
+):
+    """Return where a target is at a time within a piece of its way that ends at (x, y) at `end` [s].
+
+    normal: two standard normal numbers of a Brownian bridge between the ends of the piece.
+    """
+    at_x, at_y = target.lon, target.lat
+    dt = time - ti.cast(target.time, ti.f32)
+    if on_course(plan, target.phase):
+        at_x, at_y = ways.rhumb(target.lon, target.lat, target.course, target.speed * dt)
+    elif dt > 0.0:
+        at_x, at_y = ways.toward(target.lon, target.lat, x, y, dt, ti.cast(end, ti.f32) - time, k, normal)
+    return at_x, at_y
+
+
+@ti.func
+def stretch(
+    coastal: ti.i32,
+    plan: ti.template(),
+    key: Chance,
+    scenario: ti.i32,
+    target: Target,
+    k: ti.f32,
+    until: ti.i32,
+    coast: ti.template(),
+):
+    """Return (lon, lat, time, state, edge) at the reckoned end of a target's next piece, or where it meets the shore."""
+    x, y, time = piece(plan, key, target, k, until)
+    state, edge = life.UNDER_WAY, -1
+    if coastal == 1:
+        if plan.numbers[plan.stories_at + scenario * STORY + 2] & STOPPED:
+            ax, ay = set_at(target, target.time)
+            bx, by = set_at(target, time)
+            ax, ay, bx, by = target.lon + ax, target.lat + ay, x + bx, y + by
+            hit, x_stop, y_stop, share, number = first_crossing(ax, ay, bx - ax, by - ay, coast)
+            if hit == 1:
+                time = target.time + ti.cast(share * ti.cast(time - target.time, ti.f32), ti.i32)
+                bx, by = set_at(target, time)
+                x, y, state, edge = x_stop - bx, y_stop - by, life.AGROUND, number
+    return x, y, time, state, edge
+
+
+@ti.func
+def reached(
+    coastal: ti.i32,
+    plan: ti.template(),
+    key: Chance,
+    scenario: ti.i32,
+    target: Target,
+    x,
+    y,
+    time,
+    coast: ti.template(),
+) -> Target:
+    """Return a target at the end of a piece, with the next way point drawn if it has reached one."""
+    t = target
+    t.lon, t.lat, t.time = x, y, time
+    if time == t.to_time:
+        t = aim(coastal, plan, key, scenario, t, coast)
+    return t
+
+
+@ti.kernel
+def _steer(
+    coastal: ti.i32,
+    listed: ti.i32,
+    first: ti.i32,
+    last: ti.i32,
+    slots: Ints,
+    shift: Ints,
+    columns: Columns,
+    plan: Plan,
+    coast: Coast,
+    terms: Terms,
+    elapsed: ti.i32,
+    duration: ti.i32,
+    step: ti.i32,
+    noted: ti.i32,
+    pieces: Pieces,
+):
+    """Move targets, or note their pieces and leave the columns as they are, or both; noted: MOVED, NOTED or BOTH."""
+    for j in range(first, last):
+        i = batch.listed_slot(listed, slots, j)
+        end = elapsed + duration
+        resting = columns.status[i] == life.ARRIVED or columns.status[i] == life.AGROUND
+        if noted != MOVED:
+            pieces.piece_count[i] = NONE
+        if under_way(columns, i, end) or (noted != MOVED and resting):
+            t = loaded(columns, i, elapsed)
+            which = columns.scenario[i]
+            key = Chance(terms.seed0, terms.seed1, birth(columns, i), i + shift[which], step, 0)
+            state, until = life.UNDER_WAY, ti.min(end, columns.release[i])
+            if resting:
+                state, t.time, until = columns.status[i], elapsed, end
+            here, met, stopped, turned = NONE, -1, t.time, 0
+            while t.time < until:
+                x, y, time, state_then = t.lon, t.lat, until, state  # it has stopped
+                k = ti.f32(0.0)
+                if state == life.UNDER_WAY:
+                    key.count += 1
+                    k = wanders(plan, key, t)
+                    x, y, time, state_then, met = stretch(coastal, plan, key, which, t, k, until, coast)
+                if noted != MOVED:
+                    seen = t
+                    dlon, dlat = set_at(t, t.time)
+                    seen.lon, seen.lat = t.lon + dlon, t.lat + dlat
+                    dlon, dlat = set_at(t, time if state == life.UNDER_WAY else t.time)
+                    here = note(pieces, i, here, seen, x + dlon, y + dlat, time, k, key.count)
+                if state == life.UNDER_WAY and state_then == life.UNDER_WAY:
+                    turned |= ti.cast(time == t.to_time, ti.i32)
+                    t = reached(coastal, plan, key, which, t, x, y, time, coast)
+                    if t.over == 1:
+                        state_then = life.ARRIVED
+                else:
+                    t.lon, t.lat, t.time = x, y, time
+                if state == life.UNDER_WAY:
+                    stopped = t.time
+                state = state_then
+                if state != life.UNDER_WAY:
+                    until = end if noted != MOVED else t.time
+            if noted != NOTED and not resting:
+                t.time = stopped
+                if state != life.UNDER_WAY:
+                    columns.status_since[i] = stopped
+                    if state == life.AGROUND:
+                        columns.edge[i] = met
+                x, y = _placed(columns, i, t)
+                # Every column that is touched costs: arrays as large as each other get into each other's way in a cache.
+                if turned == 1:
+                    _aimed(columns, i, t)
+                outside = (
+                    ti.cast(x - terms.west, ti.u32) > terms.width or ti.cast(y - terms.south, ti.u32) > terms.height
+                )
+                if state == life.UNDER_WAY and outside:
+                    state = life.LEFT
+                    columns.status_since[i] = end
+                columns.status[i] = state
+
+
+@ti.func
+def _placed(columns: ti.template(), i: ti.i32, t: Target):
+    """Write where target i is, and how far the current has set it; return the place."""
+    dlon, dlat = set_at(t, t.time)
+    x, y = t.lon + dlon, t.lat + dlat
+    columns.lon[i], columns.lat[i] = x, y
+    if t.rate_lon != 0.0 or t.rate_lat != 0.0:
+        own, real = ti.static(columns.steer_whole, columns.steer_real)
+        n = columns.lon.shape[0]  # a row's length
+        own[Own.SET_LON * n + i], own[Own.SET_LAT * n + i] = dlon, dlat
+        # Until the current is asked again.
+        real[Own.SET_RATE_LON * n + i], real[Own.SET_RATE_LAT * n + i] = 0.0, 0.0
+    return x, y
+
+
+@ti.func
+def _aimed(columns: ti.template(), i: ti.i32, t: Target):
+    """Write where target i goes next."""
+    own, real = ti.static(columns.steer_whole, columns.steer_real)
+    n = columns.lon.shape[0]  # a row's length
+    own[Own.PHASE * n + i], own[Own.LEG * n + i], own[Own.PHASE_END * n + i] = t.phase, t.leg, t.phase_end
+    own[Own.TO_LON * n + i], own[Own.TO_LAT * n + i], own[Own.TO_TIME * n + i] = t.to_lon, t.to_lat, t.to_time
+    real[Own.COURSE * n + i], real[Own.SPEED * n + i] = t.course, t.speed
+
+
+@ti.kernel
+def _inside(
+    coastal: ti.i32,
+    listed: ti.i32,
+    first: ti.i32,
+    last: ti.i32,
+    slots: Ints,
+    shift: Ints,
+    before: Columns,
+    plan: Plan,
+    coast: Coast,
+    terms: Terms,
+    elapsed: ti.i32,
+    duration: ti.i32,
+    step: ti.i32,
+    then: ti.i32,
+    half: ti.i32,
+    since: ti.i32,
+    moment: ti.i32,
+    at_lon: Ints,
+    at_lat: Ints,
+    east: Reals,
+    north: Reals,
+):
+    for j in range(first, last):
+        i = batch.listed_slot(listed, slots, j)
+        end = elapsed + duration
+        begin, until = ti.max(elapsed, departure(before, i)), ti.min(end, before.release[i])
+        when = then
+        if half >= 0:
+            when = begin + half * (until - begin) // 2
+        if under_way(before, i, end) and when <= until and departure(before, i) <= when:
+            t = loaded(before, i, elapsed)
+            which = before.scenario[i]
+            key = Chance(terms.seed0, terms.seed1, birth(before, i), i + shift[which], step, 0)
+            state = life.UNDER_WAY
+            while t.time < when and state == life.UNDER_WAY:
+                key.count += 1
+                k = wanders(plan, key, t)
+                x, y, time, state_then, _edge = stretch(coastal, plan, key, which, t, k, until, coast)
+                if time > when:
+                    if t.time < since and since < time:
+                        off_lon, off_lat = set_at(t, since)
+                        t.lon, t.lat, t.time = at_lon[i] - off_lon, at_lat[i] - off_lat, since
+                    w = noise.words(terms.seed0, terms.seed1, noise.STREAM_MIDWAY, key.slot, moment)
+                    normal = noise.normals(w[0], w[1])
+                    t.lon, t.lat = amid(plan, t, k, x, y, time, ti.cast(when, ti.f32), normal)
+                    t.time = when
+                else:
+                    state = state_then
+                    if state == life.UNDER_WAY:
+                        t = reached(coastal, plan, key, which, t, x, y, time, coast)
+                        if t.over == 1:
+                            state = life.ARRIVED
+                    else:
+                        t.lon, t.lat, t.time = x, y, time
+            dlon, dlat = set_at(t, t.time)
+            at_lon[i], at_lat[i] = t.lon + dlon, t.lat + dlat
+            east[i], north[i] = 0.0, 0.0
+            if state == life.UNDER_WAY:
+                v = velocity(plan, t)
+                metres = ti.f32(sphere.RADIUS * sphere.UNIT)
+                east[i] = v[0] + t.rate_lon * metres * sphere.cos_lat(at_lat[i])
+                north[i] = v[1] + t.rate_lat * metres
+
+
+@ti.func
+def velocity(plan: ti.template(), target: Target) -> f32x2:
+    """Return (east, north) [m/s] with which a target goes by its reckoning: on its course, or to its way point in time."""
+    s, c = angles.sincos(target.course)
+    found = target.speed * f32x2(s, c)
+    if not on_course(plan, target.phase):
+        way = sphere.offset(target.lon, target.lat, target.to_lon, target.to_lat)
+        found = way / ti.max(ti.cast(target.to_time - target.time, ti.f32), 1.0)
+    return found
+
+
+@ti.kernel
+def _born(
+    coastal: ti.i32,
+    listed: ti.i32,
+    first: ti.i32,
+    last: ti.i32,
+    slots: Ints,
+    shift: Ints,
+    columns: Columns,
+    plan: Plan,
+    coast: Coast,
+    terms: Terms,
+    tries: Longs,
+):
+    for j in range(first, last):
+        i = batch.listed_slot(listed, slots, j)
+        which = columns.scenario[i]
+        slot = i + shift[which]
+        n = columns.lon.shape[0]  # a row's length
+        columns.steer_whole[Own.BIRTH * n + i] = slot
+        key = Chance(terms.seed0, terms.seed1, slot, slot, BIRTH, 0)
+        story = plan.stories_at + which * STORY
+        first_phase = plan.numbers[story]
+        t = Target(lon=columns.lon[i], lat=columns.lat[i], time=columns.release[i], phase=first_phase, leg=0)
+        if plan.numbers[first_phase * PHASE] == itinerary.WAY:
+            point = plan.numbers[first_phase * PHASE + 1]
+            found, tried = 0, 0
+            while found == 0 and tried < MOST_TRIES:
+                w = noise.words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, tried)
+                t.lon, t.lat, found = itinerary.place(plan, key, first_phase, point, f32x2(0.0), w)
+                if found == 1:
+                    tries[2 * which] += 1
+                if coastal == 1:
+                    if found == 1 and plan.numbers[story + 2] & itinerary.WET:
+                        found = is_wet(t.lon, t.lat, coast)
+                tried += 1
+            tries[2 * which + 1] += 1 - found
+            t.time, t.leg = own_start(plan, key, first_phase), 1
+            if plan.numbers[plan.points_at + point * POINT + 9] != itinerary.BY_SPEED:
+                w = noise.words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, -1)
+                t.time = itinerary.when(plan, point, t.time, w[0], w[1])
+        columns.steer_whole[Own.DEPARTURE * n + i] = t.time
+        columns.release[i] = _distress(plan, key, which, t.time)
+        t = aim(coastal, plan, key, which, t, coast)
+        _placed(columns, i, t)
+        _aimed(columns, i, t)
+
+
+@ti.func
+def _distress(plan: ti.template(), key: Chance, scenario: ti.i32, departure: ti.i32) -> ti.i32:
+    """Return when [s] a target that departs at a time goes adrift; `NEVER`: it does not."""
+    story, law = plan.stories_at + scenario * STORY, plan.story_laws_at + scenario * STORY_LAW
+    phase = plan.numbers[story]
+    kind = plan.numbers[story + 3]
+    time = NEVER
+    if kind == BETWEEN:
+        tries = 0
+        time = departure - 1
+        while time < departure and tries < TRIES:
+            w = noise.further(key.seed0, key.seed1, noise.STREAM_BIRTH, key.birth, 8 * phase + 4, tries + 1)
+            after = spreads.triangle(itinerary.law(plan.laws, law), noise.uniform(w[0]), noise.uniform(w[1]))
+            time = plan.numbers[story + 4] + ti.cast(ti.round(after), ti.i32)
+            tries += 1
+        time = ti.max(time, departure)
+    elif kind == RATE:
+        w = itinerary.settled(key, phase, 4)
+        wait = spreads.waiting(1.0 / plan.laws[law + 4], noise.uniform(w[0]))
+        if wait < ti.cast(NEVER - departure, ti.f32) * 0.99:
+            time = departure + ti.cast(ti.round(wait), ti.i32)
+    elif kind == SHARE:
+        w = itinerary.settled(key, phase, 4)
+        share = spreads.triangle(itinerary.law(plan.laws, law), noise.uniform(w[0]), noise.uniform(w[1]))
+        length = 0.0
+        row = phase * PHASE
+        for k in range(1, plan.numbers[row + 2]):
+            length += plan.laws[plan.point_laws_at + (plan.numbers[row + 1] + k) * POINT_LAW + 3]
+        time = departure + ti.cast(ti.round(share * length / own_speed(plan, key, phase)), ti.i32)
+    return time
+
+
+def terms(seed: int, domain: Any = None) -> dict[str, int]:
+    """Return the numbers that do not change in a run; domain: a kernels.step.advance.Domain, if targets are to leave it."""
+    seed0, seed1 = noise.key(seed)
+    box = domain._asdict() if domain else {"west": 0, "south": 0, "width": 0, "height": 0}
+    return {"seed0": seed0, "seed1": seed1, **box}
+
+
+def packed(columns: Any) -> Any:
+    """Return the columns of targets, by name, in a pack."""
+    together = rows.whole(columns, WHOLE), rows.whole(columns, REAL)
+    return launch.pack(Columns, *(columns[name] for name in CORE), *together)
+
+
+def born(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, tries) -> None:
+    """Draw where and when targets begin and go adrift, and their first way points.
+
+    columns: by name, those of COLUMNS. Where a scenario's first phase has no way point of its own to begin at, lon, lat
+    and release hold the place and time of its beginning. own: the slots that steer. tries: int64 (2 scenarios,) on the
+    device, to which are added candidates drawn and slots that found no water.
+    """
+    _born(
+        coast is not None, *own.launched, packed(columns), plan, (coast or open_sea()).pack,
+        Terms(**terms(seed, domain)), tries,
+    )  # fmt: skip
+
+
+def mover(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None):
+    """Return a function that moves targets over one lattice step, in place, until each one's distress.
+
+    See `born`; the function takes a kernels.step.advance.Step.
+    """
+    sea = (coast or open_sea()).pack
+    none = Room(0).pack
+    args = (coast is not None, *own.launched, packed(columns), plan, sea, terms(seed, domain), 0, 1, 0, MOVED, none)
+    move = launch.bind(_steer, args, ("elapsed", "duration", "step"))
+    return lambda step: move(step.elapsed, step.duration, step.number)
+
+
+def moved(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, step, room: Room) -> bool:
+    """Move targets as a `mover` does, and write the pieces of way that they make; return whether there was room for all.
+
+    Where there was not, they are moved, and `made` is to be asked for the pieces.
+    """
+    fixed = coast is not None, *own.launched, packed(columns), plan, (coast or open_sea()).pack
+    every = *fixed, Terms(**terms(seed, domain)), step.elapsed, step.duration, step.number, BOTH
+    return room.enough(lambda pack: _steer(*every, pack))
+
+
+def made(before, own: Batch, plan, seed: int, coast: DeviceCoast | None, step, room: Room) -> None:
+    """Write the pieces of way of targets in a step that has been made.
+
+    before: the columns at the step's begin, by name, those of COLUMNS. room: for all slots of the ensemble.
+    """
+    fixed = coast is not None, *own.launched, packed(before), plan, (coast or open_sea()).pack, Terms(**terms(seed))
+    room.fill(lambda pack: _steer(*fixed, step.elapsed, step.duration, step.number, NOTED, pack))
+
+
+def inside(
+    before, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, step, begin, since: int, when: int,
+    moment: int,
+    velocity=None, half: int = -1,
+) -> None:  # fmt: skip
+    """Write where targets under way are at a time inside a step that has been made.
+
+    before: the columns at the step's begin, by name, those of COLUMNS. begin: lon, lat [binary angle] at `since` [s], on
+    the device, which are overwritten where a target is under way at `when` [s]. moment: together with seed and slot the
+    key of the noise there. velocity: east, north [m/s], float32 (n,) on the device, written likewise if it is asked for.
+    half: 0 or 1 asks instead of `when` for the begin or the middle of what each makes of the step.
+    """
+    east, north = velocity or (runtime.empty(begin[0].shape[0]), runtime.empty(begin[0].shape[0]))
+    _inside(
+        coast is not None, *own.launched, packed(before), plan, (coast or open_sea()).pack,
+        Terms(**terms(seed, domain)), step.elapsed, step.duration, step.number, when, half, since, moment, *begin,
+        east, north,
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""One step of what drifts: forcing, errors, shore, life."""

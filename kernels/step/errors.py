@@ -1,0 +1,136 @@
+"""What chance does to a step: errors of the forcing that decorrelate in time, a random walk, and jibes."""
+
+from typing import NamedTuple
+
+import taichi as ti
+
+from kernels.maths import noise, sphere
+from kernels.step.features import BIAS, DEBRIS, DIFFUSION, ERRORS, GUIDED, JIBE, WIND
+
+f32x2 = ti.types.vector(2, ti.f32)
+
+# Columns [m/s] in the rows of one array (kernels.runtime.rows): errors of the current and of the wind at
+# present, and the current's bias, which lasts. Here are the first rows of each, of the east component.
+ROWS = (
+    *("current_error_east", "current_error_north", "wind_error_east", "wind_error_north"),
+    *("current_bias_east", "current_bias_north"),
+)
+CURRENT_ERROR, WIND_ERROR, CURRENT_BIAS = 0, 2, 4
+
+
+class Physics(NamedTuple):
+    """How the objects of one scenario move, besides the forcing; each term is off at zero."""
+
+    current_std: float = 0.0  # [m/s] of the current's error, a component
+    current_time: float = 1.0  # [s] its decorrelation time
+    wind_std: float = 0.0
+    wind_time: float = 1.0
+    diffusivity: float = 0.0  # [m2/s]
+    jibe_rate: float = 0.0  # [1/s]
+
+
+@ti.func
+def kept(time: ti.f32, dt: ti.f32) -> ti.f32:
+    """Return the share of itself that an Ornstein-Uhlenbeck process of decorrelation time `time` [s] keeps over dt [s]."""
+    return ti.exp(-dt / time)
+
+
+@ti.func
+def transition(old: f32x2, std: ti.f32, keep: ti.f32, normal: f32x2) -> f32x2:
+    """Return an Ornstein-Uhlenbeck process some time after it was `old`, of which it keeps `keep`: see `kept`.
+
+    Its standard deviation is std. The transition is exact for any time (Gillespie 1996,
+    doi:10.1103/PhysRevE.54.2084, eq. 1.9).
+    """
+    kick = std * ti.sqrt(1.0 - keep * keep)
+    return keep * old + kick * normal
+
+
+@ti.func
+def jibed(rate: ti.f32, dt: ti.f32, uniform: ti.f32):
+    """Return whether an odd number of jibes at a rate [1/s] falls within dt [s].
+
+    The law does not depend on how a time is cut into steps. A Poisson number of mean m is odd with probability
+    (1 - exp(-2 m)) / 2.
+    """
+    odd = 0.5 - 0.5 * ti.exp(-2.0 * rate * dt)
+    return uniform < odd
+
+
+@ti.func
+def variance(table: ti.template(), story: ti.i32, dt: ti.f32) -> ti.f32:
+    """Return the variance 2 D dt [m2] of a component of a scenario's random walk over dt [s]."""
+    return 2.0 * table[story * ti.static(len(Physics._fields)) + 4] * dt
+
+
+@ti.func
+def walked(walk: f32x2, c: ti.f32, s: ti.f32) -> f32x2:
+    """Return (dlon, dlat) [binary angle units] of a random walk (east, north) [m].
+
+    c, s: cosine and sine of the latitude where it begins. This is the exponential map to second order: without its last
+    term a walk drifts poleward by D tan(lat) / R.
+    """
+    unit = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
+    dlat = (walk[1] - walk[0] * walk[0] * s / c * ti.f32(0.5 / sphere.RADIUS)) * unit
+    return f32x2(walk[0] * unit / c, dlat)
+
+
+@ti.func
+def draw(
+    features: ti.template(),
+    width: ti.template(),
+    held: ti.template(),
+    table: ti.template(),
+    terms: ti.template(),
+    step: ti.i32,
+):
+    """Draw what chance does to the particles of a bundle over their parts dt [s] of a lattice step.
+
+    held: see kernels.step.advance. Read: story, slot (in the whole run, the key of its noise), dt, bias, and `nudge`, which is added to the normals of
+    the errors where particles are guided (kernels.step.guide). Made new: errors of
+    current and wind, east and north [m/s], and the side. Written: `error`, the mean of those at begin and end of the
+    step, with the bias, and `walk`, east and north [m], of the variance 2 D dt [m2]. table: the `Physics` of
+    each scenario; terms: see kernels.step.advance.
+    """
+    wind = ti.static(bool(features & (JIBE | ERRORS) and features & WIND))
+    # What calls a library stands in a loop of its own: see kernels.runtime.bundle.
+    for j in range(width):
+        at, slot, dt = held.story[0, j] * ti.static(len(Physics._fields)), held.slot[0, j], held.dt[0, j]
+        if ti.static(features & (DIFFUSION | ERRORS)):
+            w = noise.words(terms.seed0, terms.seed1, noise.STREAM_STEP, slot, step)
+            if ti.static(features & ERRORS):
+                held.log[1, j], held.word[1, j] = ti.log(noise.uniform(w[2])), w[3]
+                held.keep[0, j] = kept(table[at + 1], dt)
+            if ti.static(features & DIFFUSION):
+                if ti.static(features & DEBRIS):  # debris shares only the errors of the forcing with the object
+                    w = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
+                held.log[0, j], held.word[0, j] = ti.log(noise.uniform(w[0])), w[1]
+        if ti.static(wind):
+            w = noise.words(terms.seed0, terms.seed1, noise.STREAM_WIND, slot, step)
+            if ti.static(features & ERRORS):
+                held.log[2, j], held.word[2, j] = ti.log(noise.uniform(w[0])), w[1]
+                held.keep[1, j] = kept(table[at + 3], dt)
+            if ti.static(features & JIBE):
+                if ti.static(features & DEBRIS):
+                    w = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
+                if jibed(table[at + 5], dt, noise.uniform(w[2])):
+                    held.side[0, j] = -held.side[0, j]
+    for j in range(width):
+        at = held.story[0, j] * ti.static(len(Physics._fields))
+        if ti.static(features & DIFFUSION):
+            held.variance[0, j] = variance(table, held.story[0, j], held.dt[0, j])
+            walk = noise.turned(held.log[0, j], held.word[0, j]) * ti.sqrt(held.variance[0, j])
+            held.walk[0, j], held.walk[1, j] = walk[0], walk[1]
+        if ti.static(features & ERRORS):
+            for k in ti.static(range(2 if wind else 1)):  # the current's, the wind's
+                normal = noise.turned(held.log[1 + k, j], held.word[1 + k, j])
+                if ti.static(features & GUIDED):
+                    normal += f32x2(held.nudge[2 * k, j], held.nudge[2 * k + 1, j])
+                old = f32x2(held.errors[2 * k, j], held.errors[2 * k + 1, j])
+                new = transition(old, table[at + 2 * k], held.keep[k, j], normal)
+                for m in ti.static(range(2)):
+                    held.errors[2 * k + m, j] = new[m]
+                    held.error[2 * k + m, j] = 0.5 * (old[m] + new[m])
+        if ti.static(features & BIAS):
+            held.error[0, j] += held.bias[0, j]
+            held.error[1, j] += held.bias[1, j]

@@ -1,0 +1,26 @@
+"""What a step may include, as bits of a number that is known when a kernel is compiled.
+
+What is not asked for is not compiled.
+"""
+
+(
+    CURRENT,
+    WIND,
+    STOKES,
+    ERRORS,
+    DIFFUSION,
+    JIBE,
+    COAST,
+    RK4,
+    BIAS,
+    SINK,
+    REFLOAT,
+    SLIDE,
+    DIVERGENCE,
+    DEBRIS,
+    LAYERS,
+    MEMBERS,
+    POLAR,
+    GUIDED,
+) = (1 << k for k in range(18))  # LAYERS: a quantity of the forcing has several tiles; POLAR: the domain holds a pole
+FORCING = {"current": CURRENT, "wind": WIND, "stokes": STOKES}  # terms of kernels.step.velocity, by quantity

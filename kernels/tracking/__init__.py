@@ -1,0 +1,1 @@
+"""Clouds of particles that follow one target."""

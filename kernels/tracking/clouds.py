@@ -1,0 +1,438 @@
+"""Clouds of particles that follow targets which are rarely seen: moved, cut by sweeps of sensors and filled again.
+
+A cloud is what one tracker knows of one target: at most `size` particles, those that count first, each as
+`kernels.tracking.follower` has it. A sweep that detected something keeps the particles in the box of the detection; one that found
+nothing keeps those outside the sensor's reach. What is left of too few is filled again by duplicates, by a new draw from
+the detection's box, or the track is lost.
+
+Where there is a coast particles are drawn in water, and keep to it.
+
+The methods are the heuristics of Borovies 2007 (see drift.tracking.tracker), no Bayes. One thread takes one cloud, so that no
+number depends on how many threads there are.
+"""
+
+from typing import Any
+
+import taichi as ti
+
+from geo.errors import UserError
+from kernels.maths import doubles, noise
+from kernels.runtime import launch, runtime
+from kernels.step.coast import Coast, DeviceCoast, is_wet, open_sea
+from kernels.tracking.follower import (
+    ACTING,
+    FAR,
+    NEVER,
+    Cloud,
+    Doubles,
+    DoubleTable,
+    IntTable,
+    Leg,
+    Legs,
+    Own,
+    Rule,
+    Rules,
+    act,
+    along,
+    anchor,
+    at,
+    binary,
+    clock,
+    copied,
+    f64x3,
+    frame,
+    headed,
+    keep_off,
+    turned,
+    unit,
+    vector,
+    words,
+)
+from kernels.tracking.levels import level
+
+SILENT, DETECTED, MARK = range(3)  # what a sweep came to; MARK: nothing was swept, the estimate is asked for
+DUPLICATE, WEIGHTED, AIMED, COMBINED = range(4)  # how a cloud is filled: the last three from a detection's box
+
+BLOCK = 512  # turns of a loop that Taichi never parts between threads: one cloud in each
+LEAST = 0.1 / 32  # least weight, as a share of the fastest speed: a tenth of a knot where that is 32
+PLACES = 64  # places drawn for a particle until one is in water; without one it is not there
+
+
+class Track:
+    """What stands in which column of the tables of clouds: see kernels.tracking.follower.Own."""
+
+    ESTIMATE = 0  # stored: unit vector, speed [rad/s] (< 0: there is none yet) and time [s]
+    LOST = 5  # [s] when it was lost last; NaN: never
+    # Of the last time of detections: share of the cloud that they left before it was filled, < 0: there was none; 1 where
+    # so few were left that it was drawn anew; and that time [s].
+    LEFT = 6
+    REAL = 9
+
+    RUN = 0  # key of the random numbers: clouds of one run share them
+    RULES = 1  # row of Rules
+    FIRST = 2  # its sweeps are those from `first` to before `last`
+    LAST = 3
+    FIRST_LEG = 4  # its tracker's legs
+    LAST_LEG = 5
+    FIRST_ROW = 6  # of the estimates: that of a sweep is this and its `row`
+    COUNT = 7  # particles that count
+    DRAWN = 8  # particles drawn so far
+    WHOLE = 9
+
+
+class Sweep:
+    """What stands in which column of the tables of sweeps."""
+
+    TIME = 0  # [s]
+    PLACE = 1  # unit vector of the sensor; at a mark of the target
+    BEARING = 4  # [rad] of the detection
+    HALF = 5  # [rad] its box on either side; pi: all round
+    NEAR = 6  # [rad] its box, or how far a sensor reaches that found nothing
+    FAR = 7
+    REAL = 8
+
+    OUTCOME = 0  # SILENT, DETECTED or MARK
+    ROW = 1  # of the estimates, or -1
+    WHOLE = 2
+
+
+Tracks = ti.types.argpack(track_real=DoubleTable, track_whole=IntTable)
+Sweeps = ti.types.argpack(sweep_real=DoubleTable, sweep_whole=IntTable)
+
+# Of an estimate; velocities [rad/s]. level: share of the cloud that lies where it is denser than at the target; NaN: not asked.
+# lost: when the track was lost last [s]; left, anew: see Tracks: these are told without a track too
+FIELDS = ("x", "y", "z", "east", "north", "rate", "count", "total", "level", "lost", "left", "anew")
+WIDE = len(FIELDS)
+
+
+@ti.func
+def cut(
+    coastal: ti.template(),
+    cloud: ti.template(), rules: ti.template(), sweeps: ti.template(), legs: ti.template(), e: ti.i32, base: ti.i32,
+    count: ti.i32, law: ti.i32, first_leg: ti.i32, last_leg: ti.i32, run: ti.i32, seed0: ti.u32, seed1: ti.u32,
+    coast: ti.template(),
+):  # fmt: skip
+    """Have particles act until sweep e, and keep those that it does not contradict, closed up to the front.
+
+    Returns how many are left, the least squared chord from the sensor to any that there was, the sum of weights that there
+    was, and the sums over what is left: of weights, and by weight of speeds, places and velocities.
+    """
+    time, outcome, bearing, half = (
+        sweeps.sweep_real[e, Sweep.TIME],
+        sweeps.sweep_whole[e, Sweep.OUTCOME],
+        sweeps.sweep_real[e, Sweep.BEARING],
+        sweeps.sweep_real[e, Sweep.HALF],
+    )
+    s = vector(sweeps.sweep_real, e, Sweep.PLACE)
+    east, north = frame(s)
+    bearing_sine, bearing_cosine = doubles.sincos(bearing)
+    ahead = north * bearing_cosine + east * bearing_sine
+    aside = east * bearing_cosine - north * bearing_sine
+    sine, cosine = doubles.sincos(half)
+    all_round = half > ti.f64(3.14159265)
+    near, far = chord(sweeps.sweep_real[e, Sweep.NEAR]), chord(sweeps.sweep_real[e, Sweep.FAR])
+    left, nearest = 0, ti.f64(4.0)
+    whole, total, rate = ti.f64(0.0), ti.f64(0.0), ti.f64(0.0)
+    mean, velocity = f64x3(0.0, 0.0, 0.0), f64x3(0.0, 0.0, 0.0)
+    for j in range(count):
+        i = base + j
+        whole += cloud.own_real[i, Own.WEIGHT]
+        acting = 1
+        while acting == 1:
+            acting = ti.cast(cloud.own_real[i, Own.DUE] <= time, ti.i32)
+            if ti.static(coastal):
+                keep_off(
+                    cloud,
+                    i,
+                    ti.min(cloud.own_real[i, Own.DUE], time),
+                    rules.rule_real[law, Rule.FASTEST],
+                    run,
+                    seed0,
+                    seed1,
+                    coast,
+                )
+            if acting == 1:
+                act(cloud, rules, legs, i, law, first_leg, last_leg, run, seed0, seed1)
+                cloud.own_real[i, Own.FREE] = cloud.own_real[i, Own.SINCE]
+        p0, u0 = at(cloud, i)
+        angle = cloud.own_real[i, Own.RATE] * (time - cloud.own_real[i, Own.SINCE])
+        p, u = turned(p0, u0, angle)
+        if angle > FAR:
+            p, u = along(p0, u0, angle)
+            anchor(cloud, i, p.normalized(), u.normalized(), time)
+        keep = True
+        if outcome != MARK:
+            apart = p - s
+            squared = apart.dot(apart)
+            inside = squared <= far * far and squared >= near * near
+            nearest = ti.min(nearest, squared)
+            if inside and not all_round:
+                # The angle off the bearing is at most `half`, of 0 to pi, where sin(half - angle) is not negative.
+                inside = sine * p.dot(ahead) >= cosine * ti.abs(p.dot(aside))
+            keep = inside == (outcome == DETECTED)
+        if keep:
+            if left < j:
+                copied(cloud, i, base + left)
+            left += 1
+            w = cloud.own_real[i, Own.WEIGHT]
+            total += w
+            rate += w * cloud.own_real[i, Own.RATE]
+            mean += p * w
+            velocity += u * (w * cloud.own_real[i, Own.RATE])
+    return left, nearest, whole, total, rate, mean, velocity
+
+
+@ti.func
+def chord(angle: ti.f64) -> ti.f64:
+    """Return the chord of an arc [rad] of the unit sphere."""
+    return doubles.sin(angle * 0.5) * 2.0
+
+
+@ti.func
+def drawn_anew(
+    coastal: ti.template(),
+    cloud: ti.template(), tracks: ti.template(), rules: ti.template(), sweeps: ti.template(), e: ti.i32, k: ti.i32,
+    count: ti.i32, size: ti.i32, drawn: ti.i32, seed0: ti.u32, seed1: ti.u32, coast: ti.template(),
+):  # fmt: skip
+    """Fill a cloud from the box of a detection; return how many particles it has now, and how many it has drawn so far.
+
+    The last estimate tells which of them are likely, or where they come from; without one all are alike.
+    """
+    law, run, base, time, bearing = (
+        tracks.track_whole[k, Track.RULES],
+        tracks.track_whole[k, Track.RUN],
+        k * size,
+        sweeps.sweep_real[e, Sweep.TIME],
+        sweeps.sweep_real[e, Sweep.BEARING],
+    )
+    s = vector(sweeps.sweep_real, e, Sweep.PLACE)
+    east, north = frame(s)
+    # Of two detections at one time the first tells no speed.
+    old = f64x3(
+        tracks.track_real[k, Track.ESTIMATE],
+        tracks.track_real[k, Track.ESTIMATE + 1],
+        tracks.track_real[k, Track.ESTIMATE + 2],
+    )
+    pace, since = tracks.track_real[k, Track.ESTIMATE + 3], tracks.track_real[k, Track.ESTIMATE + 4]
+    known = pace >= 0.0 and time > since
+    elapsed = ti.max(time - since, ti.f64(1e-9))
+    high = rules.rule_real[law, Rule.FASTEST]
+    low, least = 2.0 * pace - high, high * LEAST
+    by_place = known and rules.rule_real[law, Rule.METHOD] != AIMED
+    by_course = known and rules.rule_real[law, Rule.METHOD] != WEIGHTED
+    mean = ti.f64(0.0)
+    for j in range(count):
+        if by_place:
+            cloud.own_real[base + j, Own.WEIGHT] = ti.max(high - pace, least)
+        mean += cloud.own_real[base + j, Own.WEIGHT]
+    mean = mean / ti.cast(count, ti.f64) if count > 0 else ti.f64(1.0)
+    there = count
+    for j in range(count, size):
+        i, serial = base + there, drawn + j - count
+        a = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 0)
+        b = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1)
+        p, wet, tried = s, 0, 0
+        while wet == 0 and tried < PLACES:
+            place = a
+            if tried > 0:
+                place = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1 + tried)
+            distance = sweeps.sweep_real[e, Sweep.NEAR] + unit(place[0]) * (
+                sweeps.sweep_real[e, Sweep.FAR] - sweeps.sweep_real[e, Sweep.NEAR]
+            )
+            way = bearing + (2.0 * unit(place[1]) - 1.0) * sweeps.sweep_real[e, Sweep.HALF]
+            p, _onward = along(s, headed(north, east, way), distance)
+            wet = 1
+            if ti.static(coastal):
+                lon, lat = binary(p)
+                wet = is_wet(lon, lat, coast)
+            tried += 1
+        own_east, own_north = frame(p)
+        course, rate = unit(a[2]) * ti.f64(6.283185307179586), unit(a[3]) * high
+        u = headed(own_north, own_east, course)
+        apart = p - old
+        gone = 2.0 * doubles.asin(ti.min(0.5 * ti.sqrt(apart.dot(apart)), ti.f64(1.0)))
+        need = gone / elapsed
+        if by_course and unit(b[0]) < 0.5:
+            rate = ti.min(need, high)
+            u = (p * doubles.cos(gone) - old).normalized(ti.f64(1e-15))
+        weight = mean
+        if by_place:
+            weight = ti.max(need - low if need < pace else high - need, least)
+        anchor(cloud, i, p, u, time)
+        cloud.own_real[i, Own.RATE], cloud.own_real[i, Own.WEIGHT], cloud.own_whole[i, Own.MODE] = rate, weight, ACTING
+        cloud.own_whole[i, Own.SERIAL], cloud.own_whole[i, Own.ACTS], cloud.own_real[i, Own.DUE] = (
+            serial,
+            0,
+            clock(rules, law, time, b[1]),
+        )
+        cloud.own_real[i, Own.FREE] = time
+        there += wet
+    return there, drawn + size - count
+
+
+@ti.func
+def duplicated(
+    cloud: ti.template(), rules: ti.template(), base: ti.i32, count: ti.i32, size: ti.i32, drawn: ti.i32, law: ti.i32,
+    time: ti.f64, run: ti.i32, seed0: ti.u32, seed1: ti.u32,
+):  # fmt: skip
+    """Fill a cloud with duplicates of what is left, by weight; return how many particles it has drawn so far.
+
+    A duplicate keeps its weight, and neither what it is about nor when it acts.
+    """
+    total = ti.f64(0.0)
+    for j in range(count):
+        total += cloud.own_real[base + j, Own.WEIGHT]
+        cloud.own_real[base + j, Own.SCRATCH] = total
+    for j in range(count, size):
+        i, serial = base + j, drawn + j - count
+        b = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1)
+        want, low, high = unit(b[0]) * total, 0, count - 1
+        while low < high:
+            middle = (low + high) // 2
+            if cloud.own_real[base + middle, Own.SCRATCH] < want:
+                low = middle + 1
+            else:
+                high = middle
+        copied(cloud, base + low, i)
+        cloud.own_whole[i, Own.MODE], cloud.own_whole[i, Own.SERIAL], cloud.own_whole[i, Own.ACTS] = ACTING, serial, 0
+        cloud.own_real[i, Own.DUE] = clock(rules, law, time, b[1])
+    return drawn + size - count
+
+
+@ti.func
+def summed(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64):
+    """Return the sums of a cloud at a time [s]: of weights, and by weight of speeds, places and velocities."""
+    total, rate = ti.f64(0.0), ti.f64(0.0)
+    mean, velocity = f64x3(0.0, 0.0, 0.0), f64x3(0.0, 0.0, 0.0)
+    for j in range(count):
+        i = base + j
+        p0, u0 = at(cloud, i)
+        p, u = turned(p0, u0, cloud.own_real[i, Own.RATE] * (time - cloud.own_real[i, Own.SINCE]))
+        w = cloud.own_real[i, Own.WEIGHT]
+        total += w
+        rate += w * cloud.own_real[i, Own.RATE]
+        mean += p * w
+        velocity += u * (w * cloud.own_real[i, Own.RATE])
+    return total, rate, mean, velocity
+
+
+@ti.func
+def followed(
+    coastal: ti.template(),
+    areas: ti.i32,
+    k: ti.i32, size: ti.i32, seed0: ti.u32, seed1: ti.u32, cloud: ti.template(), tracks: ti.template(),
+    rules: ti.template(), sweeps: ti.template(), legs: ti.template(), estimates: ti.template(),
+    coast: ti.template(),
+):  # fmt: skip
+    """Take cloud k through its sweeps."""
+    law, run, base = tracks.track_whole[k, Track.RULES], tracks.track_whole[k, Track.RUN], k * size
+    first_leg, last_leg = tracks.track_whole[k, Track.FIRST_LEG], tracks.track_whole[k, Track.LAST_LEG]
+    count, drawn = tracks.track_whole[k, Track.COUNT], tracks.track_whole[k, Track.DRAWN]
+    quickest = rules.rule_real[law, Rule.FASTEST]
+    for leg in range(first_leg, last_leg):
+        quickest = ti.max(quickest, rules.rule_real[law, Rule.FASTEST] + legs.leg_real[leg, Leg.RATE])
+    # No particle comes within a chord of `clear` of the tracker before `clear_until`.
+    clear, clear_until = ti.f64(0.0), ti.f64(-NEVER)
+    for e in range(tracks.track_whole[k, Track.FIRST], tracks.track_whole[k, Track.LAST]):
+        time, outcome, row, far = (
+            sweeps.sweep_real[e, Sweep.TIME],
+            sweeps.sweep_whole[e, Sweep.OUTCOME],
+            sweeps.sweep_whole[e, Sweep.ROW],
+            chord(sweeps.sweep_real[e, Sweep.FAR]),
+        )
+        if outcome == SILENT and row < 0 and far <= clear and time < clear_until:
+            continue
+        before = count
+        count, nearest, whole, total, rate, mean, velocity = cut(
+            coastal, cloud, rules, sweeps, legs, e, base, before, law, first_leg, last_leg, run, seed0, seed1, coast
+        )
+        clear_until = ti.f64(-NEVER)
+        if outcome == SILENT and count == before:
+            clear = far
+            clear_until = time + 0.999 * (ti.sqrt(nearest) - far) / ti.max(quickest, ti.f64(1e-12))
+        share = ti.cast(count, ti.f64) / ti.cast(size, ti.f64)
+        few = share < rules.rule_real[law, Rule.BULK] or count == 0
+        if outcome == DETECTED:
+            if tracks.track_real[k, Track.LEFT + 2] != time:
+                tracks.track_real[k, Track.LEFT], tracks.track_real[k, Track.LEFT + 1] = (
+                    1.0 if before > 0 else -1.0,
+                    0.0,
+                )
+                tracks.track_real[k, Track.LEFT + 2] = time
+            if before > 0 and tracks.track_real[k, Track.LEFT] >= 0.0:
+                tracks.track_real[k, Track.LEFT] *= total / whole
+                if few:
+                    tracks.track_real[k, Track.LEFT + 1] = 1.0
+        if outcome == SILENT and count < before and share < rules.rule_real[law, Rule.BULK]:
+            count = 0  # the track is lost
+        elif outcome == DETECTED and few:
+            count, drawn = drawn_anew(
+                coastal, cloud, tracks, rules, sweeps, e, k, count, size, drawn, seed0, seed1, coast
+            )
+            total, rate, mean, velocity = summed(cloud, base, count, time)
+        elif outcome != MARK and count > 0 and share < rules.rule_real[law, Rule.PARTIAL]:
+            drawn = duplicated(cloud, rules, base, count, size, drawn, law, time, run, seed0, seed1)
+            count = size
+            total, rate, mean, velocity = summed(cloud, base, count, time)
+        place = (tracks.track_whole[k, Track.FIRST_ROW] + row) * WIDE
+        if before > 0 and count == 0:
+            tracks.track_real[k, Track.LOST] = time
+        if row >= 0:
+            estimates[place + 9] = tracks.track_real[k, Track.LOST]
+            estimates[place + 10], estimates[place + 11] = (
+                tracks.track_real[k, Track.LEFT],
+                tracks.track_real[k, Track.LEFT + 1],
+            )
+        if count > 0 and (outcome == DETECTED or row >= 0):
+            mean, velocity, rate = mean.normalized(), velocity / total, rate / total
+            if outcome == DETECTED:
+                for d in ti.static(range(3)):
+                    tracks.track_real[k, Track.ESTIMATE + d] = mean[d]
+                tracks.track_real[k, Track.ESTIMATE + 3], tracks.track_real[k, Track.ESTIMATE + 4] = rate, time
+            if row >= 0:
+                own_east, own_north = frame(mean)
+                for d in ti.static(range(3)):
+                    estimates[place + d] = mean[d]
+                estimates[place + 3], estimates[place + 4] = velocity.dot(own_east), velocity.dot(own_north)
+                estimates[place + 5], estimates[place + 6], estimates[place + 7] = rate, ti.cast(count, ti.f64), total
+                if areas == 1 and outcome == MARK and count > 1:
+                    estimates[place + 8] = level(
+                        cloud, base, count, time, mean, total, vector(sweeps.sweep_real, e, Sweep.PLACE)
+                    )
+    tracks.track_whole[k, Track.COUNT], tracks.track_whole[k, Track.DRAWN] = count, drawn
+
+
+@ti.kernel
+def _follow(
+    coastal: ti.template(),
+    areas: ti.i32,
+    clouds: ti.i32, size: ti.i32, seed0: ti.u32, seed1: ti.u32, cloud: Cloud, tracks: Tracks, rules: Rules,
+    sweeps: Sweeps, legs: Legs, estimates: Doubles, coast: Coast,
+):  # fmt: skip
+    """Take every cloud through its sweeps, each by a thread of its own."""
+    for turn in range(clouds * BLOCK):
+        if turn % BLOCK == 0:
+            followed(
+                coastal, areas, turn // BLOCK, size, seed0, seed1, cloud, tracks, rules, sweeps, legs, estimates, coast
+            )
+
+
+def follow(
+    areas: bool, size: int, seed: int, cloud: Any, tracks: Any, rules: Any, sweeps: Any, legs: Any, estimates: Any,
+    coast: DeviceCoast | None = None,
+) -> None:  # fmt: skip
+    """Take clouds through their sweeps.
+
+    areas: whether the level of the target is asked for at marks. size: most particles of a cloud. cloud, tracks, rules,
+    sweeps, legs: device tables by name, the members of Cloud (clouds * size rows), Tracks, Rules, Sweeps and Legs.
+    estimates: (rows * 12,), the FIELDS of each. coast: on whose land no particle is, None: anywhere.
+    """
+    if runtime.backend() == "metal":
+        raise UserError("--backend metal: tracks are followed in float64, which Metal lacks; use --backend cpu")
+    seed0, seed1 = noise.key(seed)
+    packs = [
+        launch.pack(kind, *(columns[name] for name in kind.members))
+        for kind, columns in ((Cloud, cloud), (Tracks, tracks), (Rules, rules), (Sweeps, sweeps), (Legs, legs))
+    ]
+    sea = (coast or open_sea()).pack
+    _follow(coast is not None, areas, tracks["track_whole"].shape[0], size, seed0, seed1, *packs, estimates, sea)

@@ -1,0 +1,53 @@
+"""`[expect]` of a case: `drift run` says whether the forecast is so, in a line and in its exit status.
+
+Right by construction: without a coast and without an end of the forcing all of it is adrift, whatever the numbers drawn.
+"""
+
+import json
+
+import pytest
+
+from drift.apps.cli import commands
+
+CASE = """
+start = "2026-11-21T18:00Z"
+duration = "1 h"
+particles = 1000
+output = { trajectories = 0 }
+coast = { source = "none" }
+current = [{ constant = { speed = "1 kn", toward = 90 } }]
+[[scenario]]
+name = "raft"
+object = "water"
+position = { at = "60 00N 000 00E", error = "1 nmi" }
+[expect]
+"""
+
+
+def run(tmp_path, expected: str, *options: str) -> int:
+    path = tmp_path / "expecting.toml"
+    path.write_text(CASE + expected)
+    return commands.main(["run", str(path), "--out", str(tmp_path / "out"), *options])
+
+
+def test_a_forecast_as_expected_ends_with_0(tmp_path, capsys):
+    assert run(tmp_path, 'adrift = [1, 1]\nmean_position_within = { of = "60 00N 000 02E", distance = "0.3 nmi" }') == 0
+    assert "as [expect] says" in capsys.readouterr().out
+
+
+def test_a_miss_is_a_line_and_exit_status_1_and_the_results_stand(tmp_path, capsys):
+    assert run(tmp_path, "adrift = [0.25, 0.355]") == 1
+    assert "adrift: 100 %, expected 25 to 35.5 %" in capsys.readouterr().out
+    assert (tmp_path / "out" / "summary.json").exists()
+    assert run(tmp_path, "adrift = [0.25, 0.355]", "--resume", "--json") == 1  # nothing to do, and still not so
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["unchanged"]
+    assert answer["expect"] == {"met": False, "misses": ["adrift: 100 %, expected 25 to 35.5 %"]}
+    assert run(tmp_path, "adrift = [0.25, 0.355]", "--overwrite", "--quiet") == 1
+    assert "missed [expect]: adrift: 100 %" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("expected", ["", "adrift = [0, 0]"])
+def test_a_case_that_expects_nothing_says_nothing(tmp_path, capsys, expected):
+    assert run(tmp_path, expected, "--set", "expect={}") == 0
+    assert "[expect]" not in capsys.readouterr().out

@@ -1,0 +1,365 @@
+"""Errors where a case is silent: for which sources they hold, what the word "none" and half a table do, and where a run tells them."""
+
+import itertools
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import writers
+import xarray as xr
+
+import drift
+from drift.apps.cli.commands import main
+from drift.case.forcing import uncertainty
+from drift.engine.motion import simulate
+from drift.engine.motion.forcing_error import ForcingError
+from drift.pipeline import run_metadata
+from drift.pipeline.run_options import opened
+from drift.planning.search import follow
+from drift.products.files import drawing
+from drift.products.maps import page
+from geo import sphere
+from geo.errors import UserError
+
+HEAD = """
+start = "2024-03-05T00:00Z"
+duration = "3 h"
+"""
+SEARCH = 'particles = 500\ncoast.source = "none"\n'
+RAFT = """
+[[scenario]]
+name = "raft"
+object = { windage = "3 %" }
+position = { at = "59 00N 004 00E", std = "1 nmi" }
+"""
+SPILL = """
+[spill]
+objects = 20
+worlds = 100
+position = { at = "59 00N 004 00E", std = "1 nmi" }
+class = [{ name = "box", share = 1, object = { windage = "3 %" } }]
+"""
+# A current and a wind of every kind, and whether it comes from gridded files: data sets and addresses are such, too.
+KINDS = {
+    "file": ('files = "sea.nc"', True),
+    "dataset": ('dataset = "sea"', True),
+    "address": ('files = "http://127.0.0.1:9/sea.nc"', True),
+    "constant": ("constant = { east = 0.3, north = -0.2 }", False),
+    "table": ('table = [{ time = "+0 h", east = 0.3, north = 1 }, { time = "+3 h", east = 0.1, north = 2 }]', False),
+    "built in": ('analytic = "{flow}"', False),
+}
+# Component residuals of two regional ocean models against 248 drifters, pooled: least and most of the two.
+TOTAL, FOLDING, KEPT = (0.30, 0.34), (10.0, 14.0), {24.0: (0.07, 0.19), 48.0: (0.07, 0.19)}
+
+
+def load(folder: Path, text: str, **changes: str) -> drift.Case:
+    (folder / "trial.toml").write_text(text)
+    return drift.load(folder / "trial.toml", {key.replace("__", "."): value for key, value in changes.items()})
+
+
+def sources(folder: Path, current: str = "file", wind: str = "constant", head: str = HEAD + SEARCH) -> str:
+    if not (folder / "sea.nc").exists():
+        writers.regular(folder / "sea.nc")
+    texts = (KINDS[current][0].replace("{flow}", "gulf"), KINDS[wind][0].replace("{flow}", "breeze"))
+    return head + "".join(f"[[{name}]]\n{text}\n" for name, text in zip(("current", "wind"), texts, strict=True))
+
+
+def three(error: ForcingError) -> tuple[float, float, float]:
+    return error.std, error.time / 3600, error.bias
+
+
+@pytest.mark.parametrize("subject", [RAFT, SPILL])
+def test_a_default_holds_for_what_is_read_from_gridded_files_and_for_nothing_else(tmp_path, subject) -> None:
+    for current, wind in itertools.product(KINDS, KINDS):
+        text = sources(tmp_path, current, wind, HEAD if subject is SPILL else HEAD + SEARCH) + subject
+        found = load(tmp_path, text)
+        assert three(found.current_error) == ((0.31, 11.0, 0.08) if KINDS[current][1] else (0.0, 11.0, 0.0))
+        assert three(found.wind_error) == ((2.0, 12.0, 0.0) if KINDS[wind][1] else (0.0, 12.0, 0.0))
+        assert found.diffusivity == 0
+        if found.spill:
+            assert found.spill.current_bias == found.current_error.bias
+
+
+def test_a_backward_run_has_the_same_defaults_and_one_without_wind_none_of_it(tmp_path) -> None:
+    found = load(tmp_path, sources(tmp_path, wind="file") + RAFT, direction='"backward"')
+    assert (three(found.current_error), three(found.wind_error)) == ((0.31, 11.0, 0.08), (2.0, 12.0, 0.0))
+    swimmer = load(tmp_path, sources(tmp_path, wind="file") + RAFT, scenario__0__object='"water"')
+    assert (swimmer.current_error.std, swimmer.wind_error.std) == (0.31, 0.0)
+
+
+def test_the_default_of_the_current_is_what_was_measured() -> None:
+    """The law (1 - b) exp(-t / T) + b, held against the ranges that the residuals gave."""
+    std, time, bias = three(uncertainty.CURRENT)
+    variance = std**2 + bias**2
+
+    def kept(hours: float) -> float:
+        return (std**2 * np.exp(-hours / time) + bias**2) / variance
+
+    assert TOTAL[0] <= np.sqrt(variance) <= TOTAL[1]
+    assert kept(FOLDING[0]) >= np.exp(-1) >= kept(FOLDING[1])
+    for hours, (least, most) in KEPT.items():
+        assert least <= kept(hours) <= most
+
+
+NONE = (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "current", "wind"),
+    [
+        ("uncertainty", '"none"', NONE, 0.0),
+        ("uncertainty.current", '"none"', NONE, 2.0),
+        ("uncertainty.wind", '"none"', (0.31, 0.08), 0.0),
+        ("uncertainty", "{}", (0.31, 0.08), 2.0),
+        ("uncertainty.diffusivity", '"3 m2/s"', (0.31, 0.08), 2.0),
+        ("uncertainty.current.std", '"0.2 m/s"', (0.2, 0.0), 2.0),  # it says how large the error is
+        ("uncertainty.current.bias", '"0.15 m/s"', (0.31, 0.15), 2.0),
+        ("uncertainty.current", '{ std = "0.2 m/s", bias = "0.05 m/s" }', (0.2, 0.05), 2.0),
+        ("uncertainty.current", '{ std = 0, bias = "0.05 m/s" }', (0.0, 0.05), 2.0),
+        ("uncertainty.current.time", '"20 h"', (0.31, 0.08), 2.0),
+        ("uncertainty.wind.std", '"3.5 m/s"', (0.31, 0.08), 3.5),
+    ],
+)
+def test_what_a_case_says_holds_and_the_rest_by_default(tmp_path, key, value, current, wind) -> None:
+    text = sources(tmp_path, wind="file") + RAFT
+    (tmp_path / "trial.toml").write_text(text)
+    found = drift.load(tmp_path / "trial.toml", {key: value})
+    assert (found.current_error.std, found.current_error.bias, found.wind_error.std) == (*current, wind)
+    hours = 20 if key.endswith("time") else 11
+    assert (found.current_error.time, found.wind_error.time) == (hours * 3600, 12 * 3600)
+    assert found.diffusivity == (3 if "diffusivity" in key else 0)
+
+
+def test_a_stated_error_holds_whatever_the_source(tmp_path) -> None:
+    stated = (
+        '[uncertainty]\ncurrent = { std = "0.2 m/s", time = "7 h", bias = "0.1 m/s" }\nwind = { std = "1.5 m/s" }\n'
+    )
+    for kind in KINDS:
+        found = load(tmp_path, sources(tmp_path, kind, kind) + stated + RAFT)
+        assert (three(found.current_error), three(found.wind_error)) == ((0.2, 7.0, 0.1), (1.5, 12.0, 0.0))
+
+
+def test_rivals_have_no_default(tmp_path) -> None:
+    """Sources between which scenarios differ spread by themselves; sources by priority in all of them do not."""
+    more = '[[current]]\nname = "{}"\nfiles = "sea.nc"\n'
+    text = sources(tmp_path, "constant") + more.format("a") + more.format("b")
+    second = RAFT.replace("raft", "second")
+
+    def std(first: str, other: str) -> float:
+        return load(tmp_path, text + RAFT + first + second + other).current_error.std
+
+    assert std('currents = ["a"]\n', 'currents = ["b"]\n') == 0
+    assert std('currents = ["a", "b"]\n', 'currents = ["b", "a"]\n') == 0
+    assert std('currents = ["a", "b"]\n', 'currents = ["a", "b"]\n') == 0.31
+    assert std('currents = ["a"]\n', 'currents = ["current 1"]\n') == 0.31
+    assert std('currents = ["current 1"]\n', 'currents = ["current 1"]\n') == 0
+    stated = load(
+        tmp_path,
+        text + RAFT + 'currents = ["a"]\n' + second + 'currents = ["b"]\n',
+        uncertainty__current='{ std = "0.2 m/s" }',
+    )
+    assert stated.current_error.std == 0.2
+
+
+def test_the_bias_of_a_spill_is_given_once(tmp_path) -> None:
+    text = sources(tmp_path, head=HEAD) + SPILL
+    found = load(tmp_path, text, spill__current_bias='"0.12 m/s"')
+    assert three(found.current_error) == (0.31, 11.0, 0.12)
+    assert found.spill is not None
+    assert found.spill.current_bias == 0.12
+    found = load(tmp_path, text, uncertainty__current__bias='"0.05 m/s"')
+    assert found.spill is not None
+    assert found.spill.current_bias == 0.05
+    for other in ({"uncertainty__current__bias": "0.05"}, {"uncertainty": '"none"'}, {"uncertainty__current": "none"}):
+        with pytest.raises(UserError, match=r"^trial.toml: spill.current_bias: [^\n]*give it once$"):
+            load(tmp_path, text, spill__current_bias='"0.12 m/s"', **other)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("uncertainty", '"off"', r"uncertainty: must be a table, or \"none\", not 'off'"),
+        ("uncertainty.current", '"off"', r"uncertainty\.current: must be a table, or \"none\", not 'off'"),
+        ("uncertainty.wind", "3", r"uncertainty\.wind: must be a table, not 3"),
+        (
+            "uncertainty.wind.time",
+            '"6 h"',
+            r"uncertainty\.wind: has no std, and none holds by default \(not from model",
+        ),
+        ("uncertainty.wind.bias", '"1 m/s"', r"uncertainty\.wind: unknown key \"bias\""),
+        ("uncertainty.diffusivity", '"none"', r"uncertainty\.diffusivity: "),
+        ("uncertainty.current.bias", '"2.6 m/s"', r"uncertainty\.current\.bias: .*at most 2\.5"),
+    ],
+)
+def test_what_is_no_error_is_refused_in_a_line(tmp_path, key, value, message) -> None:
+    (tmp_path / "trial.toml").write_text(sources(tmp_path) + RAFT)
+    with pytest.raises(UserError, match=message) as refusal:
+        drift.load(tmp_path / "trial.toml", {key: value})
+    # An error of which nothing that is known is given has no std besides.
+    assert len(refusal.value.lines) == 1 + ("bias" in key and "wind" in key)
+
+
+@pytest.mark.parametrize(
+    ("object", "changes", "banner"),
+    [
+        ("water", {"uncertainty": "none"}, "NO ERROR of current in this forecast"),
+        ("raft", {"uncertainty": "none"}, "NO ERROR of current and wind in this forecast"),
+        ("raft", {"uncertainty.wind": "none"}, "NO ERROR of wind in this forecast"),
+        ("raft", {"uncertainty.current": "none"}, "NO ERROR of current in this forecast"),
+        ("raft", {"uncertainty.current": '{ std = "0 m/s", bias = "0.1 m/s" }'}, ""),
+        ("raft", {}, ""),
+    ],
+)
+def test_errors_that_a_case_switches_off_stand_on_a_banner(tmp_path, object, changes, banner) -> None:
+    text = sources(tmp_path) + (RAFT if object == "raft" else RAFT.replace('{ windage = "3 %" }', '"water"'))
+    (tmp_path / "trial.toml").write_text(text)
+    assert run_metadata.caution(drift.load(tmp_path / "trial.toml", changes)) == banner
+
+
+def test_check_run_files_and_every_picture_say_which_errors_were_used(tmp_path, capsys, monkeypatch) -> None:
+    feet: dict[str, list[str]] = {}
+    saved = page.save
+
+    def watched(canvas, path, *rest, **more) -> None:
+        feet[path.name] = [text.get_text() for text in canvas.figure.texts]
+        saved(canvas, path, *rest, **more)
+
+    monkeypatch.setattr(page, "save", watched)
+    monkeypatch.setattr(drawing, "MOST", 1)  # what a copy of the process draws is not seen here
+    sortie = '[[sortie]]\nname = "s"\nstart = "+1 h"\nend = "+2 h"\nlaw = "random"\npod = 0.1\n'
+    sortie += "area = { polygon = [[3.9, 58.9], [4.1, 58.9], [4.1, 59.1], [3.9, 59.1]] }\n"
+    text = sources(tmp_path) + RAFT + sortie
+    told = {
+        "": "current 0.31 m/s over 11 h and 0.08 m/s that lasts (default); no error of the wind (not from model files)",
+        "none": "no error of the current (case); no error of the wind (case)",
+        '{ current = { std = "0.2 m/s" }, diffusivity = 4 }': "current 0.2 m/s over 11 h (case, time by default); no error of the "
+        "wind (not from model files); diffusivity 4 m2/s (case)",
+    }
+    (tmp_path / "trial.toml").write_text(text)
+    for written, words in told.items():
+        more = ["--set", f"uncertainty={written}"] if written else []
+        assert main(["check", str(tmp_path / "trial.toml"), *more]) == 0
+        assert words in capsys.readouterr().out
+    words, out = told["none"], tmp_path / "out"
+    assert main(["run", str(tmp_path / "trial.toml"), "--out", str(out), "--set", "uncertainty=none"]) == 0
+    assert words in capsys.readouterr().out
+    assert {"map.png", "snapshots.png", "search.png", "evidence.png"} <= feet.keys()
+    for texts in feet.values():
+        assert any(line.startswith(f"Errors: {words[:40]}") for line in texts), texts
+        assert "NO ERROR of current and wind in this forecast" in texts  # on a banner
+    with xr.open_dataset(out / "forecast.nc") as data:
+        assert data.attrs["uncertainty"] == words
+    summary = json.loads((out / "summary.json").read_text())["uncertainty"]
+    nothing = {"std_m_s": 0.0, "time_s": 39_600.0, "bias_m_s": 0.0}
+    assert summary["current"] == {**nothing, "by": {"std": "case", "time": "default", "bias": "case"}}
+    assert (summary["told"], summary["diffusivity"]) == (words, {"m2_s": 0.0, "by": "case"})
+    by_default = drift.run(drift.load(tmp_path / "trial.toml", {"sortie": "[]"})).summary["uncertainty"]
+    assert by_default["current"] == {
+        "std_m_s": 0.31, "time_s": 39_600.0, "bias_m_s": 0.08, "by": dict.fromkeys(("std", "time", "bias"), "default"),
+    }  # fmt: skip
+    assert by_default["wind"]["by"]["std"] == "not from model files"
+
+
+HOURS = 12
+EVEN = HEAD.replace("3 h", f"{HOURS} h") + 'seed = 7\ncoast.source = "none"\n[[current]]\nfiles = "even.nc"\n'
+AT = (4.0, 59.0)
+THERE = RAFT.replace('{ windage = "3 %" }', '"water"').replace(
+    '"59 00N 004 00E", std = "1 nmi"', '[4.0, 59.0], std = "1 m"'
+)
+UNITS = """
+[[unit]]
+name = "plane"
+kind = "Aircraft"
+base = [4.5, 59.2]
+search_speed = "120 kn"
+endurance = "3 h"
+sweep_width = "1 nmi"
+[plan]
+begin = "+0 h"
+until = "+12 h"
+particles = 20_000
+"""
+LOST = """
+[spill]
+objects = 20
+worlds = 400
+per_world = 50
+windage_bias = 0
+release_std = "1 m"
+position = { at = [4.0, 59.0], std = "1 m" }
+class = [{ name = "drum", object = "water" }]
+"""
+SEEN = """
+[[find]]
+at = [4.0, 59.0]
+time = "+12 h"
+at_sea = true
+radius = "2 m"
+class = "drum"
+"""
+
+
+def spread(time: float, std: float, fold: float) -> float:
+    """Return the variance [m2] after a time [s] of a way whose speed is an Ornstein-Uhlenbeck process (Taylor 1922)."""
+    t = time / fold
+    return 2 * (std * fold) ** 2 * (t - 1 + np.exp(-t))
+
+
+JOBS = {
+    "run": "particles = 20_000\n" + EVEN + THERE,
+    "plan": "particles = 500\n" + EVEN + THERE + UNITS,
+    "spill": EVEN.replace("none", "isle.geojson") + LOST,
+    "origin": EVEN.replace("none", "isle.geojson") + LOST + SEEN,
+}
+
+
+@pytest.mark.parametrize("job", JOBS)
+def test_the_default_errors_reach_what_drifts(tmp_path, monkeypatch, job) -> None:
+    """A case that is silent, in an even current read from a file: its particles spread by the law of docs/errors.md.
+
+    The first 12 h; each particle of a search has a bias of its own, those of a spill's world share one, forward and back. North is a
+    straight line on the sphere; a step of half an hour errs by (0.5 / 11)^2 / 12 of the variance, which is nothing beside chance.
+    """
+    times = np.datetime64("2024-03-05", "ns") + np.arange(0, HOURS + 1, 3) * np.timedelta64(1, "h")
+    lon, lat = np.arange(1.0, 7.0, 0.25), np.arange(57.5, 60.6, 0.25)
+    shape = (len(times), len(lat), len(lon))
+    dims = ("time", "lat", "lon")
+    values = {"uo": (dims, np.full(shape, 0.21), writers.EAST), "vo": (dims, np.full(shape, -0.13), writers.NORTH)}
+    xr.Dataset(values, {"time": times, "lat": lat, "lon": lon}).to_netcdf(tmp_path / "even.nc")
+    ring = [[6.0, 60.2], [6.1, 60.2], [6.1, 60.3], [6.0, 60.2]]  # a spill must have a coast: far away
+    (tmp_path / "isle.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    seen: list[tuple[int, np.ndarray, np.ndarray]] = []
+    whole = simulate.run
+
+    def watched(ensemble, *args, **more):
+        for moment in whole(ensemble, *args, **more):
+            seen.append((abs(moment.elapsed), np.array(moment.lat) * sphere.UNIT, ensemble.world.to_numpy()))
+            yield moment
+
+    monkeypatch.setattr(simulate, "run", watched)
+    case = load(tmp_path, JOBS[job])
+    if job == "plan":
+        follow.follow(case, opened(case).where)
+    else:
+        {"run": drift.run, "spill": drift.run, "origin": drift.trace}[job](case)
+    time, lat, world = seen[-1]
+    assert time == HOURS * 3600
+    way = (lat - np.radians(AT[1])) * sphere.RADIUS
+    walk, lasting = spread(time, 0.31, 39_600.0), (0.08 * time) ** 2
+    n = len(way)
+    mean = way.mean() - (-0.13 * time) * (-1 if job == "origin" else 1)
+    if job in ("run", "plan"):
+        assert n == 20_000
+        assert abs(mean) < 4.5 * np.sqrt((walk + lasting) / n)
+        assert abs(way.var() / (walk + lasting) - 1) < 4.5 * np.sqrt(2 / n)
+        return
+    count = np.bincount(world)
+    each = count[0]
+    assert (count == each).all()
+    means = np.bincount(world, way) / each
+    within = np.bincount(world, (way - means[world]) ** 2).sum() / (n - len(count))
+    between = lasting + walk / each
+    assert abs(mean) < 4.5 * np.sqrt(between / len(count))
+    assert abs(within / walk - 1) < 4.5 * np.sqrt(2 / (n - len(count)))
+    assert abs(means.var(ddof=1) / between - 1) < 4.5 * np.sqrt(2 / (len(count) - 1))

@@ -1,0 +1,427 @@
+"""Workers of a dask cluster write the same as one process; what they lose is done again; what cannot be is one line."""
+
+import asyncio
+import contextlib
+import importlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import dask
+import distributed
+import pytest
+import shards as runs
+import writers
+import xarray as xr
+
+import drift
+from drift import version
+from drift.pipeline import flow, run_setup
+from drift.pipeline.shards import cluster, divide, fingerprint, machine, unit, work, worker
+from drift.products.files import hidden
+from kernels.runtime import memory
+
+FEW_WATERS = """
+start = "2024-03-05T00:10Z"
+duration = "5 h"
+particles = 30000
+coast.source = "none"
+[[current]]
+files = "current.nc"
+[[wind]]
+constant = { speed = "9 m/s", from = 250 }
+[[scenario]]
+name = "in it"
+weight = 0.2
+object = "LIFE-RAFT-DB-10"
+position = { at = [4.0, 59.0], error = "20 km", time = "+0 h" }
+[[scenario]]
+name = "north of it"
+weight = 0.8
+object = "LIFE-RAFT-DB-10"
+position = { at = [4.0, 61.5], error = "20 km", time = "+0 h" }
+"""
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> drift.Case:
+    return runs.case(tmp_path_factory.mktemp("cluster"))
+
+
+@pytest.fixture(scope="module")
+def made(case: drift.Case) -> drift.Result:
+    return drift.run(case)
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Any]:
+    with cluster.connected(2, None) as client:
+        yield client
+
+
+@pytest.fixture(autouse=True)
+def unwritten(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flow, "write", lambda *given, **more: None)
+
+
+def test_two_workers_make_the_same(case: drift.Case, made: drift.Result, client: Any, tmp_path: Path) -> None:
+    shares: list[float] = []
+    done = drift.run(
+        case,
+        tmp_path / "out",
+        client=client,
+        shards=5,
+        report=lambda phase, share: shares.append(share) if phase == "drift" else None,
+    )
+    runs.same(done, made)
+    assert shares == sorted(shares)
+    assert shares[0] < 0.5
+    assert shares[-1] == 1.0
+
+
+def test_workers_see_whether_there_is_forcing_as_the_run_begins(
+    case: drift.Case, made: drift.Result, client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not the process that waits for them; what they refuse is refused in the same words, before anything is moved."""
+    monkeypatch.setattr(divide, "begun", lambda *given: pytest.fail("the one process draws"))
+    runs.same(drift.run(case, tmp_path / "out", client=client, shards=5), made)
+    monkeypatch.undo()
+    monkeypatch.setattr(cluster, "moved", lambda *given: pytest.fail("it moves"))
+    monkeypatch.setattr(unit.Unit, "move", lambda *given: pytest.fail("it moves"))
+    writers.regular(tmp_path / "current.nc")
+    for text in (  # all on land, and more than half where there is no current
+        runs.CASE.replace("at = [-0.02, 0.05]", "at = [0.3, 0.05]"),
+        FEW_WATERS,
+    ):
+        (tmp_path / "land.geojson").write_text(runs.SHORE)
+        (tmp_path / "case.toml").write_text(text)
+        own = drift.load(tmp_path / "case.toml")
+        with pytest.raises(drift.UserError) as alone:
+            drift.run(own, tmp_path / "refused", shards=5)
+        with pytest.raises(drift.UserError) as dealt:
+            drift.run(own, tmp_path / "refused", client=client, shards=5)
+        assert str(dealt.value) == str(alone.value)
+        assert not list(tmp_path.glob(".refused*"))
+
+
+@pytest.mark.thorough
+def test_a_worker_that_is_killed_costs_its_shards_only(
+    case: drift.Case, made: drift.Result, client: Any, tmp_path: Path
+) -> None:
+    killed: list[int] = []
+
+    def report(phase: str, share: float) -> None:
+        if phase == "drift" and not killed:
+            process = sorted(client.run(os.getpid).values())[0]
+            os.kill(process, signal.SIGKILL)
+            killed.append(process)
+
+    runs.same(drift.run(case, tmp_path / "out", client=client, shards=9, report=report), made)
+    assert killed
+
+
+@pytest.mark.thorough
+def test_a_run_after_one_that_was_stopped_is_its_own(case: drift.Case, client: Any, tmp_path: Path) -> None:
+    """On the same workers, while somebody still holds what was raised."""
+
+    def report(phase: str, share: float) -> None:
+        if phase == "drift" and share > 0.3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as held:
+        drift.run(case, tmp_path / "one", client=client, shards=9, report=report)
+    other = drift.vary(case, {"seed": 5})
+    runs.same(drift.run(other, tmp_path / "two", client=client, shards=3), drift.run(other))
+    assert held.tb
+
+
+def test_workers_of_another_kind_are_refused(
+    case: drift.Case, client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine = version.versions()
+    monkeypatch.setattr(version, "versions", lambda: {**mine, "numpy": "1.0"})
+    with pytest.raises(drift.UserError, match=r"worker tcp.*: the versions: .*; here: .*numpy 1\.0"):
+        drift.run(case, tmp_path / "out", client=client, shards=3)
+    monkeypatch.undo()
+    monkeypatch.setattr(machine, "arithmetic", lambda: "vax 0")
+    with pytest.raises(drift.UserError, match=r"the processor's arithmetic: .*; here: vax 0"):
+        drift.run(case, tmp_path / "out", client=client, shards=3)
+
+
+def test_a_worker_that_comes_late_is_asked_too(client: Any, case: drift.Case) -> None:
+    """What does not see the same is refused with the shard that it was given, whenever it came."""
+    where = run_setup.open_for(case)
+    mark = fingerprint.of(case, where, 3)
+    for name, other in (("the processor's arithmetic", "vax 0"), ("the forcing", "another"), ("the coast", "none")):
+        told = client.submit(worker.begun, case, {**mark, name: other}, None, None, pure=False)
+        with pytest.raises(drift.UserError, match=f"{name} is not what it is where the run was started"):
+            told.result()
+
+
+def test_a_worker_opens_a_file_that_has_changed_again(
+    client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is the same case to the letter, and the worker has it open, as after a run that was killed."""
+    monkeypatch.setattr(cluster, "release", lambda client: None)
+    (tmp_path / "case.toml").write_text(FEW_WATERS.replace("61.5", "59.2"))
+    current = xr.load_dataset(writers.regular(tmp_path / "current.nc"))
+    case = drift.load(tmp_path / "case.toml")
+    for factor in (1.0, -0.6):
+        current["uo"].values = factor * current["uo"].values
+        current.to_netcdf(tmp_path / "new.nc")
+        os.replace(tmp_path / "new.nc", tmp_path / "current.nc")
+        runs.same(drift.run(case, tmp_path / "out", client=client, shards=3), drift.run(case))
+
+
+def test_the_folder_may_be_named_from_here(
+    case: drift.Case, made: drift.Result, client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Workers may have begun elsewhere."""
+    monkeypatch.chdir(tmp_path)
+    runs.same(drift.run(case, "out", client=client, shards=5), made)
+
+
+def test_workers_let_go_of_a_run_that_is_over(case: drift.Case, client: Any, tmp_path: Path) -> None:
+    drift.run(case, tmp_path / "out", client=client, shards=3)
+    until = time.monotonic() + 30
+    while any(client.run(lambda: len(importlib.import_module("drift.pipeline.shards.worker")._open)).values()):
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
+@pytest.mark.thorough
+def test_a_client_that_is_closed_is_one_line(case: drift.Case, tmp_path: Path) -> None:
+    with cluster.connected(1, None) as client:
+        pass
+    with pytest.raises(drift.UserError, match="the client is closed"):
+        drift.run(case, tmp_path / "out", client=client)
+
+
+@pytest.mark.thorough
+def test_a_cluster_without_workers(
+    case: drift.Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The first is waited for; where none comes, or all go for good, that is one line."""
+    monkeypatch.setattr(cluster, "WAIT", 2)
+    monkeypatch.setattr(cluster, "LOOK", 0.2)
+    with cluster.connected(1, None) as client:
+        client.cluster.scale(0)
+        while client.nthreads():
+            time.sleep(0.05)
+        with pytest.raises(drift.UserError, match="the cluster has no workers; start some"):
+            drift.run(case, tmp_path / "out", client=client)
+        assert "the first is waited for" in caplog.text
+        client.cluster.scale(1)  # comes while it waits, and goes in the middle
+        monkeypatch.setattr(cluster, "WAIT", 30)
+
+        def report(phase: str, share: float) -> None:
+            if phase == "drift" and 0 < share < 1:
+                monkeypatch.setattr(cluster, "WAIT", 1)
+                client.cluster.scale(0)
+
+        with pytest.raises(
+            drift.UserError, match=r"(lost all of its workers|is lost).*kept there: the same command goes on"
+        ):
+            drift.run(case, tmp_path / "out", client=client, shards=9, report=report)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("another", [True, False])
+def test_a_worker_that_is_lost_before_it_hands_over_what_it_did(
+    case: drift.Case, made: drift.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, another: bool
+) -> None:
+    """All shards are done, one is fetched, and the only worker goes: others do them again; where none comes, a line."""
+    monkeypatch.setattr(cluster, "LOOK", 0.2)
+    out, gone = tmp_path / "out", list[bool]()
+    with cluster.connected(1, None) as client:
+
+        def report(phase: str, share: float) -> None:
+            if phase == "drift" and not gone:
+                while len(list(out.parent.glob(f".{out.name}{hidden.UNFINISHED}/shard-*.json"))) < 9:
+                    time.sleep(0.05)
+                time.sleep(0.5)  # all have been told of as finished
+                client.cluster.scale(0)
+                while client.nthreads():
+                    time.sleep(0.05)
+                gone.append(True)
+                if another:
+                    client.cluster.scale(1)
+                else:
+                    monkeypatch.setattr(cluster, "WAIT", 1)
+
+        if another:
+            runs.same(drift.run(case, out, client=client, shards=9, report=report), made)
+        else:
+            with pytest.raises(
+                drift.UserError, match=r"lost all of its workers; .*: 9 shards .* the same command goes on"
+            ):
+                drift.run(case, out, client=client, shards=9, report=report)
+    assert gone
+
+
+def test_the_scheduler_is_lost_where_shards_meet(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between two stretches of a search nothing is under way."""
+    searched, check = runs.searched(tmp_path), cluster.check
+
+    def lost(client: Any, folder: Path | None = None) -> None:
+        if folder and list(folder.glob("shard-*-000.json")):
+            raise distributed.comm.CommClosedError("in <TCP>: Stream is closed")
+        check(client, folder)
+
+    monkeypatch.setattr(cluster, "check", lost)
+    with pytest.raises(drift.UserError, match=r"the cluster is lost .* kept there: the same command goes on"):
+        drift.run(searched, tmp_path / "out", client=client, shards=3)
+
+
+@pytest.mark.thorough
+def test_the_schedulers_loss_is_one_line(case: drift.Case, made: drift.Result, tmp_path: Path) -> None:
+    """Killed in the middle: what is finished is kept, and the same run goes on from there without a cluster."""
+    out, address = tmp_path / "out", tmp_path / "scheduler.json"
+    module = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--scheduler-file", str(address), "--port", "0"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with contextlib.ExitStack() as stack:
+        scheduler = stack.enter_context(subprocess.Popen([*module, "--dashboard-address", "127.0.0.1:0"], **quiet))
+        stack.callback(scheduler.kill)
+        asked = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(address), "--no-nanny"]
+        helper = stack.enter_context(subprocess.Popen([*asked, "--nthreads", "1", "--no-dashboard"], **quiet))
+        stack.callback(helper.kill)
+        while not address.exists():
+            time.sleep(0.1)
+        with cluster.connected(None, json.loads(address.read_text())["address"]) as client:
+            client.wait_for_workers(1, timeout=60)
+
+            def report(phase: str, share: float) -> None:
+                if phase == "drift" and 0 < share < 1:
+                    scheduler.kill()
+
+            with pytest.raises(
+                drift.UserError,
+                match=r"the cluster is lost .* shards are finished and kept there: the same command goes on",
+            ) as error:
+                drift.run(case, out, client=client, shards=9, report=report)
+    assert "\n" not in str(error.value)
+    assert dask.config.get("scheduler", None) is None  # else all that xarray writes from now on would ask the dead one
+    assert len(list((out.parent / f".{out.name}{hidden.UNFINISHED}").glob(work.INDICES))) >= 1
+    runs.same(drift.run(case, out), made)
+
+
+@pytest.mark.parametrize(
+    ("workers", "address", "said"),
+    [
+        (0, None, "--workers 0 must be at least 1"),
+        (2, "tcp://127.0.0.1:1", "give one of them"),
+        (None, "tcp://127.0.0.1:1", "no cluster answers there"),
+        (None, "nowhere://", "no cluster answers there"),
+        (None, "nonsense", r"nonsense: no cluster answers there \(missing port"),
+    ],
+)
+def test_no_such_cluster(workers: int | None, address: str | None, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster, "PATIENCE", 1)
+    with pytest.raises(drift.UserError, match=said), cluster.connected(workers, address):
+        pass
+
+
+@pytest.mark.thorough
+def test_a_worker_that_dies_while_all_are_asked_is_no_fault(client: Any) -> None:
+    """Others are asked, and one that comes in its stead is asked with its first shard."""
+    for _ in range(3):
+        client.wait_for_workers(2, timeout=60)
+        os.kill(max(client.run(os.getpid, on_error="ignore").values()), signal.SIGKILL)
+        cluster.check(client)
+        assert cluster.workers_of(client).count in (1, 2)
+
+
+@pytest.mark.thorough
+def test_a_worker_that_hangs_is_not_waited_for_for_ever(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes the question, and never answers."""
+    client.wait_for_workers(2, timeout=60)
+    hangs = max(client.run(os.getpid, on_error="ignore").values())
+    monkeypatch.setattr(cluster, "WAIT", 1)
+    os.kill(hangs, signal.SIGSTOP)
+    try:
+        with pytest.raises(drift.UserError, match=r"^the cluster is lost \(.*\); nothing is kept yet$"):
+            cluster.workers_of(client)
+    finally:
+        os.kill(hangs, signal.SIGCONT)
+
+
+@pytest.mark.thorough
+def test_a_local_cluster_that_does_not_end_is_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Slow(distributed.LocalCluster):
+        wait = 3600.0
+
+        async def _close(self) -> None:
+            await asyncio.sleep(self.wait)
+            await super()._close()
+
+    monkeypatch.setattr(distributed, "LocalCluster", Slow)
+    monkeypatch.setattr(cluster, "PATIENCE", 5)
+    with cluster.connected(1, None) as client:
+        left = client.cluster
+    assert left.status.name == "running"
+    left.wait = 0.0
+    left.close(timeout=60)
+    assert left.status.name == "closed"
+
+
+def test_a_worker_that_cannot_answer_is_refused(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """That is another matter than one that is gone: it would be given shards."""
+
+    def refuses(*given: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    client.wait_for_workers(1, timeout=60)
+    monkeypatch.setattr(worker, "about", refuses)
+    with pytest.raises(drift.UserError, match=r"worker tcp.*: .*Permission denied.*; install the same versions"):
+        cluster.check(client)
+    monkeypatch.setattr(worker, "room", refuses)
+    with pytest.raises(drift.UserError, match=r"worker tcp.*: .*Permission denied"):
+        cluster.workers_of(client)
+
+
+@pytest.mark.thorough
+def test_workers_say_how_much_memory_they_have(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two on this machine, and the process that was started."""
+    client.wait_for_workers(2, timeout=60)
+    found = cluster.workers_of(client)
+    assert (found.count, found.together) == (2, 3)
+    assert found.free == pytest.approx(memory.free() / 3, rel=0.3)
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, memory_limit="1 GB", dashboard_address="127.0.0.1:0"
+        ) as local,
+        distributed.Client(local, set_as_default=False) as other,
+    ):
+        assert cluster.workers_of(other).limit == 1e9  # what dask lets it take
+        monkeypatch.setattr(worker, "host", lambda: "elsewhere")
+        assert cluster.workers_of(other).together == 1
+
+
+def test_datasets_in_memory_stay_here(case: drift.Case, client: Any) -> None:
+    with pytest.raises(drift.UserError, match="workers read files"):
+        drift.run(case, datasets={"x": object()}, client=client)
+
+
+def test_workers_search(client: Any, tmp_path: Path) -> None:
+    """They stop to ask how likely a doubtful contact was, and go on."""
+    searched = runs.searched(tmp_path)
+    runs.same(drift.run(searched, client=client, shards=3), drift.run(searched))
+
+
+def test_workers_have_no_gpu(case: drift.Case, client: Any) -> None:
+    with pytest.raises(drift.UserError, match="--backend cuda: workers move particles on processors"):
+        drift.run(case, client=client, backend="cuda")
+
+
+def test_threads_of_this_process_are_no_workers(case: drift.Case, tmp_path: Path) -> None:
+    with (
+        distributed.Client(processes=False, n_workers=1, set_as_default=False, dashboard_address=None) as threads,
+        pytest.raises(drift.UserError, match="threads of this process; begin it with processes=True"),
+    ):
+        drift.run(case, tmp_path / "out", client=threads, shards=3)

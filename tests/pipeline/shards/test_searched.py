@@ -1,0 +1,437 @@
+"""A search in shards tells and writes what it does in one piece, also where its particles have to meet on the way."""
+
+import gc
+import logging
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shards as runs
+
+import drift
+from drift.case import case_digest
+from drift.engine.particles.ensemble import Ensemble
+from drift.evidence.filter.filter import Search
+from drift.pipeline import flow
+from drift.pipeline.shards import unit, work
+from drift.products.files import hidden
+
+# Two ways that steer and one that drifts, of blocks of its own each; every kind of sensor; contacts that are certain,
+# doubtful, doubtful at the same time, of debris, of motion, and at the begin; a sortie under way at each; two that share
+# an unknown factor; lines; what is overdue. A contact and a sortie's end are within one step.
+STEERED = """
+start = "2026-03-05T00:20Z"
+duration = "20 h"
+particles = 5000
+seed = 12
+output.every = "10 h"
+[clock]
+step = "50 min"
+[coast]
+source = "none"
+[uncertainty]
+diffusivity = "300 m2/s"
+current = { std = "0.1 m/s", time = "9 h" }
+[resampling]
+below = 0
+[[current]]
+constant = { speed = "0.9 kn", toward = 141 }
+[[scenario]]
+name = "yacht"
+object = "water"
+weight = 0.84
+overdue = "+17 h"
+[[scenario.phase]]
+[scenario.phase.voyage]
+waypoints = [[179.3, 43.1], [-179.2, 43.9]]
+departure = ["+1 h", "+6 h"]
+speed = { low = "5 kn", best = "7 kn", high = "11 kn", ratio = 4 }
+cross_track = "3 nmi"
+[scenario.distress]
+between = ["+4 h", "+41 h"]
+[[scenario]]
+name = "tender"
+weight = 0.06
+object = "water"
+position = { at = [179.6, 43.3], std = "9 nmi", time = "+0 h", until = "+6 h" }
+[[scenario]]
+name = "bridge"
+weight = 0.1
+[[scenario.phase]]
+[scenario.phase.bridge]
+k = "5 nmi/sqrt(h)"
+k_spread = 1.6
+[[scenario.phase.bridge.points]]
+at = [179.3, 43.1]
+std = "5 nmi"
+time = ["+0 h", "+2 h"]
+[[scenario.phase.bridge.destinations]]
+at = [-179.4, 44.1]
+std = "6 nmi"
+time = ["+18 h", "+21 h"]
+probability = 1
+[[sortie]]
+name = "drifting"
+unit = "Helicopter"
+start = "+3 h"
+speed = "60 kn"
+sweep_width = "1900 m"
+sweep_width_uncertainty = "30 %"
+pattern = { kind = "parallel", centre = [179.7, 43.3], length = "40 km", width = "12 km", orientation = 30, spacing = "2500 m" }
+frame = "datum"
+[[sortie]]
+name = "again"
+unit = "Helicopter"
+start = "+11.2 h"
+speed = "60 kn"
+sweep_width = "1700 m"
+sweep_width_uncertainty = "30 %"
+pattern = { kind = "parallel", centre = [-179.9, 43.5], length = "40 km", width = "12 km", orientation = 120, spacing = "2500 m" }
+[[sortie]]
+name = "area"
+start = "+6 h"
+end = "+14 h"
+law = "random"
+pod = 0.5
+area = { polygon = [[179.5, 43.1], [-179.9, 43.1], [-179.8, 43.6], [179.6, 43.7]] }
+[[contact]]
+name = "doubtful"
+time = "+8 h"
+belief = 0.6
+position = { at = [179.9, 43.4], std = "15 nmi" }
+course = { value = 70, std = "40 deg" }
+[[contact]]
+name = "as doubtful"
+time = "+8 h"
+belief = 0.8
+bearing = { from = [179.0, 43.0], bearing = 60, std = "15 deg" }
+[[contact]]
+name = "certain"
+time = "+12.1 h"
+position = { at = [-179.95, 43.5], std = "25 nmi" }
+[[contact]]
+name = "debris"
+time = "+15 h"
+belief = 0.5
+of = "PIW-4"
+position = { at = [179.95, 43.4], std = "25 nmi" }
+[[look]]
+name = "dip"
+time = "+4.4 h"
+at = [179.7, 43.3]
+width = "17 nmi"
+height = "13 nmi"
+turned = 25
+sees = "nothing"
+[[presence]]
+name = "buoys"
+start = "+3 h"
+end = "+9.3 h"
+at = [179.8, 43.5]
+radius = "9 nmi"
+present = "never"
+detection = 0.7
+[[barrier]]
+name = "picket"
+points = [[179.9, 43.8], [179.97, 43.3], [179.95, 43.0]]
+start = "+1 h"
+end = "+14 h"
+detection = 0.6
+reported = "+9.4 h"
+error = "90 min"
+false_alarms = "0.02/h"
+[[line]]
+name = "sound"
+points = [[-179.9, 43.9], [-179.8, 43.1]]
+"""
+
+
+# Contacts of a sonar whose unknown they share with a look of it and a watch, of one source, and doubtful ones at once with others.
+HEARD = """
+[[sensor]]
+name = "array"
+at = [179.7, 43.2]
+heading = 20
+[sensor.sonar]
+source_level = [["5 kn", "133 dB"], ["11 kn", "141 dB"]]
+noise = "71 dB"
+gain = { line = { elements = 16, spacing = "15 m", frequency = "50 Hz" } }
+fluctuation = "5 dB"
+unknown = "3 dB"
+[[contact]]
+name = "first"
+time = "+6.4 h"
+bearing = { sensor = "array", bearing = 60, wedge = "80 deg" }
+received_level = { value = "60 dB", std = "4 dB" }
+frequency = { value = "50.1 Hz", std = "0.1 Hz", source = "50 Hz", source_std = "0.1 Hz", source_group = "shaft" }
+[[contact]]
+name = "heard, in doubt"
+time = "+8 h"
+belief = 0.7
+bearing = { sensor = "array", bearing = 70, std = [[0, "30 deg"], [90, "12 deg"]] }
+[[contact]]
+name = "last"
+time = "+9.1 h"
+range = { sensor = "array", range = "20 nmi", std = "10 nmi" }
+frequency = { value = "49.95 Hz", std = "0.1 Hz", source = "50 Hz", source_std = "0.1 Hz", source_group = "shaft" }
+[[look]]
+name = "listened"
+time = "+7 h"
+sensor = "array"
+sees = "nothing"
+[[sortie]]
+name = "listens"
+start = "+6 h"
+end = "+6.5 h"
+watch = { sensor = "array", beams = [1, 2, 3] }
+"""
+
+
+def load(folder: Path, text: str) -> drift.Case:
+    (folder / "land.geojson").write_text(runs.SHORE)
+    (folder / "case.toml").write_text(text)
+    return drift.load(folder / "case.toml")
+
+
+def same(one: drift.Result, other: drift.Result) -> None:
+    """Hold all that is told of two runs against each other, to the bit."""
+    runs.same(one, other)
+    assert one.updates is not None
+    assert one.posteriors is not None
+    assert told(one.updates) == told(other.updates)
+    assert told(one.posteriors) == told(other.posteriors)
+    assert told(one.begun) == told(other.begun)
+
+
+def told(what: object) -> object:
+    """Return a record in words, to the bit."""
+    if isinstance(what, np.ndarray):
+        return what.dtype.str, what.shape, what.tobytes()
+    if isinstance(what, float | np.floating):
+        return float(what).hex()
+    if isinstance(what, tuple | list):
+        return [told(part) for part in what]
+    if hasattr(what, "__dataclass_fields__"):
+        return {name: told(getattr(what, name)) for name in what.__dataclass_fields__}
+    return repr(what)
+
+
+@pytest.fixture(autouse=True)
+def unwritten(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flow, "write", lambda *given, **more: None)
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> tuple[drift.Case, drift.Result]:
+    """Return the case that drifts, and its result in one piece."""
+    case = runs.searched(tmp_path_factory.mktemp("searched"))
+    return case, drift.run(case)
+
+
+@pytest.fixture(scope="module")
+def resampled(tmp_path_factory: pytest.TempPathFactory) -> tuple[drift.Case, drift.Result]:
+    """Return the case that steers, resampled within its scenarios, and its result in one piece."""
+    case = load(tmp_path_factory.mktemp("resampled"), STEERED.replace("below = 0\n", "below = 0.6\n"))
+    return case, drift.run(case)
+
+
+RESAMPLED = {
+    "never": "",
+    "kahn": 'below = 0.6\nmethod = "kahn"',
+    "across": "below = 0.6\nacross_scenarios = true",
+    "duplicates": 'below = 0.99\nmethod = "duplicates"',
+}
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        pytest.param(rule, id=name, marks=[pytest.mark.thorough] * (name in ("kahn", "across")))
+        for name, rule in RESAMPLED.items()
+    ],
+)
+def test_what_steers_is_searched_as_in_one_piece(rule: str, tmp_path: Path) -> None:
+    case = load(tmp_path, STEERED.replace("below = 0\n", f"{rule}\n" if rule else "below = 0\n"))
+    whole = drift.run(case)
+    assert whole.updates is not None
+    kinds = [update.kind for update in whole.updates.all]
+    assert {"sortie", "contact", "look", "presence", "barrier", "overdue"} <= set(kinds)
+    assert any(update.resampled for update in whole.updates.all) == bool(rule)
+    assert whole.updates.crossings is not None
+    shares: list[float] = []
+    report = lambda phase, share: shares.append(share) if phase == "drift" else None  # noqa: E731
+    same(whole, drift.run(case, shards=3, report=report))
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert whole.posteriors is not None
+    told_by = [one.quantity.name for one in whole.posteriors.told].index("scenario")
+    for update, stage in zip(whole.updates.all, whole.posteriors.stages[1:], strict=True):
+        np.testing.assert_allclose(stage.marginals[told_by].table[-1], update.posterior, atol=1e-9)
+
+
+@pytest.mark.thorough
+def test_what_a_sonar_heard_is_as_in_one_piece(tmp_path: Path) -> None:
+    case = load(tmp_path, STEERED.replace("below = 0\n", "below = 0.6\n") + HEARD)
+    whole = drift.run(case)
+    assert whole.updates is not None
+    assert {"first", "heard, in doubt", "last", "listened"} <= {update.name for update in whole.updates.all}
+    assert sum(update.resampled for update in whole.updates.all) > 1
+    same(whole, drift.run(case, shards=3))
+
+
+def test_what_drifts_is_searched_as_in_one_piece(searched: tuple[drift.Case, drift.Result]) -> None:
+    """On a coast that refloats, with debris and a sortie that drifts with its marker."""
+    case, whole = searched
+    same(whole, drift.run(case, shards=9))
+
+
+@pytest.mark.thorough
+def test_what_drifts_is_resampled_as_in_one_piece(searched: tuple[drift.Case, drift.Result]) -> None:
+    case, _ = searched
+    anew = drift.vary(case, {"resampling": {"below": 0.9}})
+    again = drift.run(anew)
+    assert again.updates is not None
+    assert sum(update.resampled for update in again.updates.all) > 1
+    same(again, drift.run(anew, shards=4))
+
+
+def test_a_contact_at_the_begin_is_asked_for_before_the_first_step(tmp_path: Path) -> None:
+    text = runs.CASE + runs.SEARCHED.replace('"+140 min"', '"+0 min"')
+    case = load(tmp_path, text)
+    same(drift.run(case), drift.run(case, shards=4))
+
+
+class Killed(Exception):
+    """Stands for a kill: nothing of what was under way is tidied."""
+
+
+@pytest.mark.parametrize(
+    "after", [pytest.param(1, marks=pytest.mark.thorough), 8, pytest.param(14, marks=pytest.mark.thorough)]
+)
+def test_a_search_that_was_killed_goes_on(
+    after: int, resampled: tuple[drift.Case, drift.Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Killed as its files come to stand, one more of them at a time: the same comes of it."""
+    (case, whole), out, put, stood = resampled, tmp_path / "out", work.replace, []
+
+    def killed(path: Path, text: str) -> None:
+        if path.name != work.ABOUT and len(stood) == after:
+            raise Killed
+        stood.append(path.name)
+        put(path, text)
+
+    monkeypatch.setattr(work, "replace", killed)
+    with pytest.raises(Killed):
+        drift.run(case, out, shards=3)
+    monkeypatch.setattr(work, "replace", put)
+    same(whole, drift.run(case, out, shards=3))
+
+
+def test_a_stretch_whose_begin_is_gone_begins_anew(
+    searched: tuple[drift.Case, drift.Result],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """A stretch is altered after the state from which it went on has been taken away."""
+    (case, whole), out = searched, tmp_path / "out"
+    monkeypatch.setattr(work.Work, "drop", lambda self: None)
+    monkeypatch.setattr(flow, "made", lambda *given: (_ for _ in ()).throw(Killed))
+    with pytest.raises(Killed):
+        drift.run(case, out, shards=3)
+    monkeypatch.undo()
+    monkeypatch.setattr(flow, "write", lambda *given, **more: None)
+    kept = sorted(path.name for path in (tmp_path / f".out{hidden.UNFINISHED}").glob("*.bin"))
+    late = tmp_path / f".out{hidden.UNFINISHED}" / next(name for name in kept if name.startswith("shard-00001-001"))
+    late.write_bytes(late.read_bytes()[:-1])
+    filled: list[int] = []
+    fill = unit.Unit._fill
+    monkeypatch.setattr(unit.Unit, "_fill", lambda *given: (filled.append(given[0].stretch), fill(*given))[1])
+    with caplog.at_level(logging.WARNING, "drift"):
+        same(whole, drift.run(case, out, shards=3))
+    assert "it begins anew" in caplog.text
+    assert filled.count(0) == 3
+
+
+def test_a_search_that_contradicts_all_keeps_nothing(tmp_path: Path) -> None:
+    text = runs.CASE + runs.SEARCHED.replace("belief = 0.7\n", "").replace("[0.03, 0.05]", "[-0.5, -0.5]")
+    case, out = load(tmp_path, text), tmp_path / "out"
+    with pytest.raises(drift.UserError, match='contact "seen" contradicts every scenario') as whole:
+        drift.run(case)
+    with pytest.raises(drift.UserError) as cut:
+        drift.run(case, out, shards=4)
+    assert str(cut.value) == str(whole.value)
+    assert not list((tmp_path / f".out{hidden.UNFINISHED}").glob("*.bin"))
+
+
+UNIT = """
+[plan]
+begin = "+4.5 h"
+until = "+5 h"
+particles = 2000
+[[unit]]
+name = "helicopter"
+kind = "Helicopter"
+base = [-0.4, 0.3]
+search_speed = "90 kn"
+endurance = "0.4 h"
+daylight = false
+sweep_width = "0.5 nmi"
+"""
+
+
+def test_a_plan_is_scored_in_shards_as_in_one_piece(tmp_path: Path) -> None:
+    case = load(tmp_path, runs.CASE + runs.SEARCHED + UNIT)
+    plan, whole = drift.plan(case)
+    again, cut = drift.plan(case, tmp_path / "out", shards=4)
+    assert told(plan) == told(again)
+    same(whole, cut)
+    assert not (tmp_path / f".out{hidden.UNFINISHED}").exists()
+
+
+def test_a_case_changed_in_python_is_another(tmp_path: Path) -> None:
+    """Its text is that of the file: what is kept of the file's run is none of its own."""
+    case = runs.searched(tmp_path)
+    fewer = replace(case, sorties=case.sorties[1:])
+    assert fewer.text == case.text
+    assert case_digest.digest(fewer) != case_digest.digest(case)
+    assert case_digest.digest(drift.load(case.path)) == case_digest.digest(case)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        pytest.param(STEERED, id="steered", marks=pytest.mark.thorough),
+        pytest.param(runs.CASE + runs.SEARCHED, id="searched"),
+    ],
+)
+def test_a_shard_that_is_done_leaves_nothing_in_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    """Its columns go with it, and do not wait for the garbage collector, which does not see how large they are."""
+    (tmp_path / "land.geojson").write_text(runs.SHORE)
+    (tmp_path / "case.toml").write_text(text)
+    left = []
+    move = unit.Unit.move
+
+    def alive() -> int:
+        return sum(isinstance(what, Ensemble | Search) for what in gc.get_objects())
+
+    def moved(self: unit.Unit, *rest: Any) -> Any:
+        before = alive()
+        reel = move(self, *rest)
+        left.append(alive() - before)
+        return reel
+
+    monkeypatch.setattr(unit.Unit, "move", moved)
+    monkeypatch.setattr(flow, "made", lambda job, run: None)
+    gc.collect()
+    gc.disable()
+    try:
+        drift.run(drift.load(tmp_path / "case.toml"), shards=3)
+    finally:
+        gc.enable()
+    assert len(left) > 6
+    assert not any(left)

@@ -1,0 +1,48 @@
+"""Signals that end a run: Ctrl-C, a request to end, and a terminal that goes, unless the run is to outlive it."""
+
+import contextlib
+import os
+import signal
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from drift.products.files import interrupt
+
+pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="signals of POSIX")
+
+
+@pytest.fixture
+def hangup() -> Iterator[None]:
+    before = signal.getsignal(signal.SIGHUP)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+def hung_up(during: contextlib.AbstractContextManager[None]) -> None:
+    """Have the terminal go in a run, while something else goes on."""
+    with interrupt.ending_cleanly():
+        with during:
+            os.kill(os.getpid(), signal.SIGHUP)
+        interrupt.heed()
+
+
+@pytest.mark.usefixtures("hangup")
+@pytest.mark.parametrize("during", [contextlib.nullcontext, interrupt.undisturbed])
+def test_a_terminal_that_goes_unwinds_the_run(during: Callable[[], contextlib.AbstractContextManager[None]]) -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    with pytest.raises(interrupt.Terminated) as ended:
+        hung_up(during())
+    assert ended.value.number == signal.SIGHUP
+
+
+@pytest.mark.usefixtures("hangup")
+def test_a_run_that_is_to_outlive_its_terminal_does() -> None:
+    """As `nohup drift run` starts it."""
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    with interrupt.ending_cleanly():
+        os.kill(os.getpid(), signal.SIGHUP)
+        with interrupt.undisturbed(), interrupt.leaving_at_once():
+            os.kill(os.getpid(), signal.SIGHUP)
+        interrupt.heed()
+    assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
