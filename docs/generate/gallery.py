@@ -17,10 +17,10 @@ CAPTIONS = {
 
 
 def about() -> dict[str, str]:
-    """Return what README says of each shipped case."""
-    text = (runs.ROOT / "README.md").read_text(encoding="utf-8")
+    """Return the description of each shipped case, from its page."""
+    text = (runs.ROOT / "docs" / "cases.md").read_text(encoding="utf-8")
     table = re.search(r"^\| case \| what \|\n\|[-|]+\n((?:\|.*\n)*)", text, flags=re.MULTILINE)
-    assert table, "README has no table of shipped cases"
+    assert table, "docs/cases.md has no table of shipped cases"
     found = {}
     for line in table[1].splitlines():
         names, what = (cell.strip() for cell in line.strip("|").split(" | "))
