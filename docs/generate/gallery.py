@@ -11,7 +11,7 @@ from generate import runs
 PICTURES = ("map.png", "washup.png", "search.png", "evidence.png", "posteriors.png", "suspend.png", "snapshots.png")
 CAPTIONS = {
     "map.png": "Where it may be, when it matters", "washup.png": "What comes ashore where", "search.png": "The sorties, one by one",
-    "evidence.png": "What each sortie showed", "posteriors.png": "What is believed besides places", "suspend.png": "Suspend?",
+    "evidence.png": "What each sortie showed", "posteriors.png": "Posteriors besides position", "suspend.png": "Suspend?",
     "snapshots.png": "The same at each output", "plan.png": "The next search", "plan-A-1.png": "The sheet of a unit",
 }  # fmt: skip
 

@@ -112,15 +112,15 @@ def pod(plan: Any) -> str:
 
 def begun_anew(plan: Any) -> str:
     """Return in a line what a plan is worth if every slot is begun anew, and the bound of that."""
-    return f"Each slot begun anew, h{worth(plan.allocation)[1:]}"
+    return f"Each slot by itself, h{worth(plan.allocation)[1:]}"
 
 
 def notes(plan: Any) -> list[str]:
     """Return what must be known to read a plan, its POD first."""
     return [
         f"{pod(plan)}.",
-        f"What follows is of the {plan.made_on:,} of these tracks on which beams were chosen, each slot begun anew.",
-        "Each slot begun anew: as if nobody had listened before. So gains, what is heard by a slot's end, the bound and the "
+        f"What follows is of the {plan.made_on:,} of these tracks on which beams were chosen, each slot by itself.",
+        "Each slot by itself: as if no sensor had listened before. So gains, what is heard by a slot's end, the bound and the "
         "alternatives are too high where levels fluctuate more slowly than slots follow one another; POD is not. Beams of an array "
         "share its fluctuation, and of those processed in a slot the best counts; arrays miss apart.",
         "POD: that the target is heard at least once, on tracks drawn for planning, given all that the case knows. Beams were chosen on "

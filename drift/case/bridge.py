@@ -39,7 +39,7 @@ def _correlation(value: object) -> Array:
         matrix = np.empty(0)
     if matrix.shape != (2, 2) or not (np.abs(matrix) <= 1).all():
         raise ValueError(
-            f"correlation {value!r} must be a number from -1 to 1, for east and north alike, or [[ee, en], [ne, nn]] of such"
+            f"correlation {value!r} must be a number from -1 to 1, for both east and north, or [[ee, en], [ne, nn]] of such"
         )
     return matrix
 

@@ -126,9 +126,7 @@ class _Log:
         if not len(placed):
             return found, None
         if placed[0, 0] > found.time[0]:
-            raise UserError(
-                f"{label}: nobody says where the tracker was at the first detection; give lat and lon there"
-            )
+            raise UserError(f"{label}: the tracker has no position at the first detection; give lat and lon there")
         return found, tracker.through(placed[:, 0], placed[:, 1], placed[:, 2], self._start, label)
 
     def _told(self, time: float) -> str:

@@ -76,7 +76,7 @@ class FrequencyTable(fields.Table):
     source_std: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "Hz", "frequency", "0.05 Hz"))] = (
         0.0
     )
-    """Standard deviation of what is not known of that; each contact takes it anew, unless they are of one `source_group`."""
+    """Standard deviation of the unknown part of that; each contact draws its own, unless they are of one `source_group`."""
     source_group: fields.Label | None = None
     """Contacts of one group heard the same source, whose frequency each of them makes better known."""
     sound_speed: sonar.SoundSpeed = 1500.0

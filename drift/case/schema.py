@@ -143,7 +143,7 @@ class CoastTable(fields.Table):
     behaviour: Literal["strand", "refloat", "slide"] = "strand"
     """What reaches the shore stays for good, refloats with a half-life, or slides along it."""
     half_life: fields.Duration | None = None
-    """Of what lies ashore, with `refloat`."""
+    """Of stranded particles, with `refloat`."""
     offing: Annotated[fields.Length, Field(gt=0, le=2000)] = 100.0
     """How far off the shore what refloats begins again."""
 
@@ -210,14 +210,14 @@ class CaseTable(fields.Table):
     uncertainty: Uncertainty = UncertaintyTable()
     """How wrong winds and currents may be; `"none"` switches all of it off."""
     voyage: dict[str, VoyageTable] = Field(default_factory=dict)
-    """Voyages by name, `[voyage.passage]`, that several stories share: a phase says `voyage = "passage"`, or `voyage = { like = "passage",
+    """Voyages by name, `[voyage.passage]`, that several scenarios share: a phase says `voyage = "passage"`, or `voyage = { like = "passage",
     speed = "3 kn" }` where some of its keys are its own."""
     tracker: dict[str, TrackerTable] = Field(default_factory=dict)
     """Who is sought or fled from, by name, `[tracker.patrol]`: a phase of `behaviour` says `tracker = "patrol"`."""
     scenario: list[ScenarioTable] = Field(default_factory=list)
-    """Stories of one object, each with its weight; give these, families of them, or a `[spill]`."""
+    """Scenarios of one object, each with its weight; give these, families of them, or a `[spill]`."""
     family: list[FamilyTable] = Field(default_factory=list)
-    """Hundreds of stories in a few lines: the products of routes, speeds, times."""
+    """Hundreds of scenarios in a few lines: the products of routes, speeds, times."""
     spill: SpillTable | None = None
     """Many objects from one cause."""
     find: list[FindTable] = Field(default_factory=list)
@@ -247,7 +247,7 @@ class CaseTable(fields.Table):
     plan: PlanTable = PlanTable()
     """The time and the aim of the next search."""
     resampling: ResamplingTable = ResamplingTable()
-    """How particles are drawn anew after searches."""
+    """How particles are resampled after searches."""
     expect: Expect = Expect()
     """Ranges of what the case expects at its end: `drift run` says whether it is so, and its exit status is 1 if not."""
 

@@ -77,7 +77,7 @@ class Times(fields.Table):
     """An uncertain time: a time, [earliest, latest], a truncated triangle, or a normal law."""
 
     earliest: fields.Time | None = None
-    """With `latest`; all in between alike unless `best` is given."""
+    """With `latest`; uniform in between unless `best` is given."""
     best: fields.Time | None = None
     """The likeliest, with `ratio`."""
     latest: fields.Time | None = None

@@ -18,7 +18,7 @@ def text(story: str) -> str:
     """Return the template of a story; raise UserError for one that there is none of."""
     if story not in STORIES | TRACKED:
         listed = ", ".join(f"{name} ({words})" for name, words in (STORIES | TRACKED).items())
-        raise UserError(f'no story "{story}"; there are: {listed}')
+        raise UserError(f'no template "{story}"; there are: {listed}')
     return resources.files("cases").joinpath("templates", f"{story}.toml").read_text(encoding="utf-8")
 
 

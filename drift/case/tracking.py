@@ -152,11 +152,11 @@ class MethodTable(BehaviourTable):
     name: fields.Label
     """What it is called."""
     fill: Literal["position", "course", "combined"] = "combined"
-    """How particles are drawn anew from a detection: weighted by the speed they need from the last estimate, on the course from it, or both."""
+    """How particles are repopulated from a detection: weighted by the speed they need from the last estimate, on the course from it, or both."""
     partial: fields.Share = 0.75
     """Share of the particles below which what is left is duplicated."""
     bulk: fields.Share = 0.1
-    """Share below which they are drawn anew from a detection; after silence the track is lost."""
+    """Share below which they are repopulated from a detection; after silence the track is lost."""
 
     def tracker(self) -> Tracker:
         """Return the record."""
@@ -219,7 +219,7 @@ class PursuitTable(fields.Table):
     worth: fields.Duration = 3600.0
     """Of one that avoids: how much longer it would go to meet the target once less, as expected."""
     replan: fields.Share = 0.8
-    """It is planned anew when seeing nothing since the last plan was less likely than this (Klaas' trigger)."""
+    """It is planned again when seeing nothing since the last plan was less likely than this (Klaas' trigger)."""
 
     def pursuit(
         self,
@@ -249,7 +249,7 @@ class PursuitTable(fields.Table):
                 + ("; give begin" if self.begin is None else "")
             )
         if self.at is None and not tracker.time[0] <= begin <= tracker.time[-1]:
-            raise ValueError(f"nobody says where the tracker is at {told(begin)}; give at, or another begin")
+            raise ValueError(f"the tracker has no position at {told(begin)}; give at, or another begin")
         place = np.radians(self.at) if self.at is not None else np.radians(path.degrees(tracker.at([begin])[0][0]))
         to = None if self.to is None else (float(np.radians(self.to[0])), float(np.radians(self.to[1])))
         steps = int(lasting / self.step + 1e-9)
@@ -456,7 +456,7 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
         known = (followed.time >= tracker.time[0] - 1e-6) & (followed.time <= tracker.time[-1] + 1e-6)
         for time in followed.time[~known]:
             wrong.lines.append(
-                f"detections: nobody says where the tracker was at the detection of {told(time)}; give lat and lon there, or a track until then"
+                f"detections: the tracker has no position at the detection of {told(time)}; give lat and lon there, or a track until then"
             )
         wrong.refuse()
     chase: Pursuit | None = None

@@ -131,7 +131,7 @@ def _members(told: dict[str, Any]) -> str:
         return f"{told['number']}, all as likely"
     first = sorted(weights, key=lambda name: -weights[name])[:3]
     likeliest = ", ".join(f"{name} {notation.percent(weights[name])}" for name in first)
-    return f"{told['number']}, of which {told['effective']:.1f} count after all that was seen; likeliest {likeliest}"
+    return f"{told['number']}, of which {told['effective']:.1f} are effective after all observations; likeliest {likeliest}"
 
 
 def _stories(stories: dict[str, Any]) -> Facts:
@@ -167,10 +167,10 @@ def _by_axis(told: dict[str, Any]) -> Facts:
             f"{label} {notation.percent(values[label]['posterior'])} (before: {notation.percent(values[label]['prior'])})"
             for label in first
         ]
-        facts[f"stories by {axis}"] = ", ".join(parts)
+        facts[f"scenarios by {axis}"] = ", ".join(parts)
     if facts:
         before, now = (told["effective"][key] for key in ("prior", "posterior"))
-        facts["stories that count"] = f"{now:.3g} of {told['number']:,} (before: {before:.3g})"
+        facts["effective scenarios"] = f"{now:.3g} of {told['number']:,} (before: {before:.3g})"
     return facts
 
 
@@ -273,7 +273,7 @@ def _search(numbers: dict[str, Any]) -> Facts:
 def _filled(update: Mapping[str, Any]) -> str:
     """Return what became of the particles after a contact or silence, where they are placed anew at contacts."""
     if update["filled"] == "contact":
-        return f"; placed anew, of which {update['ess_resampled']:,.0f} count"
+        return f"; repopulated, {update['ess_resampled']:,.0f} of them effective"
     return "; the track is lost" if update["filled"] == "lost" else ""
 
 
@@ -317,9 +317,9 @@ def spill(numbers: dict[str, Any]) -> Facts:
             f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km of shoreline, finds "
             f"{patrol['detection']:.0%}"
         )
-    counted = f"{washup['effective_worlds']:,.0f} of {washup['worlds']:,} count"
+    counted = f"{washup['effective_worlds']:,.0f} of {washup['worlds']:,} are effective"
     rounds = len(washup["effective_worlds_by_round"])
-    facts["worlds"] = counted + (f", drawn anew {rounds - 1} times about what the finds leave" if rounds > 1 else "")
+    facts["worlds"] = counted + (f", resampled {rounds - 1} times around the finds" if rounds > 1 else "")
     facts["errors"] = numbers["uncertainty"]["told"]
     facts |= _coast(numbers)
     facts |= _warnings(numbers["warnings"])

@@ -51,7 +51,7 @@ def text(
     for name, tasking in zip(names, plan.taskings, strict=True):
         if tasking.round != number and plan.spec.rounds > 1:
             number = tasking.round
-            later = ", planned on the failure of all before: plan anew with what was flown and seen"
+            later = ", planned as if all before fail: plan again with what was flown and seen"
             lines += ["", *_fill(f"Round {number}{later if number > 1 else ''}", 3)]
         lines += ["", *task(plan, name, tasking)]
     if not plan.taskings:
@@ -119,10 +119,10 @@ def stranded(plan: Plan) -> str:
     """Return what becomes of what lies ashore: how likely that is, and whether the plan looks for it; "" for nothing."""
     if max(plan.ashore, plan.pos_ashore) < TOLD_ASHORE:
         return ""
-    lies = f"it lies ashore with {notation.percent(plan.ashore)} when the plan begins"
+    lies = f"{notation.percent(plan.ashore)} probability that it is stranded when the plan begins"
     if plan.spec.ashore:
-        return f"{lies}; {notation.probability(plan.pos_ashore)} of the POS is of what lies there as a unit passes"
-    return f"{lies}; units look for what is afloat alone (ashore = true in [plan]: they see the shore), have the shore searched"
+        return f"{lies}; {notation.probability(plan.pos_ashore)} of the POS is for stranded objects that a unit passes"
+    return f"{lies}; this plan covers only what is afloat: send a shore party, or set ashore = true in [plan]"
 
 
 def _share(value: float) -> str:

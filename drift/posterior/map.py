@@ -340,9 +340,9 @@ def _key(figure: Figure, top: float, left: float) -> None:
 def _account(posteriors: Posteriors, stages: list[Stage]) -> str:
     """Return in a line what is shown."""
     many = len(posteriors.stages) - 1
-    text = f"What is believed besides places, before the first and after each of {many} update{'s' * (many != 1)}"
+    text = f"Posteriors besides position, before the first and after each of {many} update{'s' * (many != 1)}"
     if many == 0:
-        text = "What is believed besides places: nothing has been searched or seen yet"
+        text = "Posteriors besides position: no searches or observations yet"
     hidden = len(posteriors.stages) - len(stages)
     return text + (f"; {hidden} earlier rows are in posteriors.csv" if hidden else "")
 

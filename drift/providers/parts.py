@@ -189,7 +189,7 @@ def _refuse_full(folder: Path, size: float) -> None:
 
 def _full(folder: Path, done: int, of: int) -> UserError:
     return UserError(
-        f"disk full: {folder.parent} has no room for more; {done} of {of} parts are kept, and the same command goes on "
+        f"disk full: {folder.parent} has no space left; {done} of {of} parts are kept, and the same command goes on "
         "from there"
     )
 

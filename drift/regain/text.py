@@ -38,7 +38,7 @@ def facts(found: Regained) -> dict[str, str]:
     if silenced := [loss for loss in held.lost if loss.sensors]:
         told["lost"] = _lost(found, silenced)
     if held.anew.any():
-        told["drawn anew"] = _anew(found)
+        told["repopulated"] = _anew(found)
     warnings = _warnings(found)
     return {**told, "warning": "; ".join(warnings)} if warnings else told
 
@@ -162,7 +162,7 @@ def _path(found: Regained, chased: Chased) -> str:
         else f", of another, on which it was not planned, {notation.short_percent(other)}"
     )
     anew = [notation.group(moment(found, chase.times[step])) for step in chased.found.plans[1:]]
-    return words + (f"; planned anew at {', '.join(anew)}" if anew else "")
+    return words + (f"; planned again at {', '.join(anew)}" if anew else "")
 
 
 def sizes(regions: Mapping[float, Region], spread: Mapping[float, tuple[float, float]] | None = None) -> str:

@@ -54,7 +54,7 @@ def immortal(suspension: Suspension) -> list[str]:
     )
     if not (suspension.mortal and names):
         return []
-    return [f"no survival times are told for {names}: whoever is adrift there counts as alive for ever."]
+    return [f"{names} have no survival times: persons adrift there are assumed alive forever."]
 
 
 def give_or_take(value: float, error: float) -> str:

@@ -107,7 +107,7 @@ def _on(plan: Plan) -> str:
 def _method(method: Tracker) -> str:
     filling = method.filling
     return (
-        f"{_behaviour(method.behaviour)}; below {notation.hundredths(filling.partial)} % duplicated, below {notation.hundredths(filling.bulk)} % drawn anew by "
+        f"{_behaviour(method.behaviour)}; below {notation.hundredths(filling.partial)} % duplicated, below {notation.hundredths(filling.bulk)} % repopulated by "
         f"{filling.method} or lost"
     )
 

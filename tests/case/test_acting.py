@@ -39,7 +39,7 @@ BAD = {
     "too fast at first": (behaviour(f'{ACTS}, speed = "40 kn"'), "speed: 40 kn is above fastest, 32 kn"),
     "no speed": (behaviour('acts = ["3 min", "15 min"]'), "phase 1.behaviour.fastest"),
     "a tracker without a place": (
-        behaviour(f"{ACTS}, seek = 0.1, tracker = {{ }}"), "phase 1.behaviour: tracker: nobody says where it is"
+        behaviour(f"{ACTS}, seek = 0.1, tracker = {{ }}"), "phase 1.behaviour: tracker: it has no position"
     ),
     "a tracker of two ways": (
         behaviour(f'{ACTS}, seek = 0.1, tracker = {{ at = [1, 2], track = "own.gpx" }}'), "at and track are both given; give one"

@@ -200,9 +200,9 @@ def test_a_third_digit_tells_a_plan_from_its_bound():
 
 
 def test_where_there_is_no_bound_no_figure_stands_for_it():
-    plan = replace(searches.plan(), bound=None, unbounded="only 312 particles count, too few to tell")
+    plan = replace(searches.plan(), bound=None, unbounded="only 312 effective particles, too few to judge this plan")
     text = " ".join(plan_text.text(plan, "Overdue boat", "run-s1").split())
-    assert "POS 0.46; no bound: only 312 particles count, too few to tell" in text
+    assert "POS 0.46; no bound: only 312 effective particles, too few to judge this plan" in text
     assert "estimated" not in text
     assert "Bound" not in text
 
