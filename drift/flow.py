@@ -122,7 +122,7 @@ def run(
     replace them as `overwrite` does, once the new ones are complete. Raises UserError for all that the user can mend.
     """
     if resume and out is None:
-        raise UserError("resume = True: without out nothing is kept; give the folder of the results")
+        raise UserError("resume = True needs out: without an output folder there is nothing to resume from")
     job = opened(
         case,
         Options(
@@ -326,7 +326,7 @@ def made(job: Job, run: Ended) -> Result:
         summary |= posterior_tables.summary(posteriors)
     on = facts.with_coast(facts.setting(case, where, dataset.shown(forecast.data)))
     flown = updates.sorties if updates else ()
-    # What flows is kept, and not its sources: a dataset that was handed in is let go.
+    # Keep the sampled field, not the dataset it came from: one that was handed in is let go.
     flows = ambient.over(_of_likeliest(case, where), mapped.box(forecast.data), forecast.data["time"].values)
     over = (partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors), partial(_flows, flows))
     return Result(case, forecast, tracks, summary, on, over, after, updates, run.begun, posteriors, flows, member_told)

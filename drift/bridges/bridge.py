@@ -146,7 +146,7 @@ def _refuse(lon: Array, lat: Array, time: Array, spread_rate: float, covariance:
     if np.abs(covariance - covariance.T).max() > tolerance:
         raise ValueError("covariance is not symmetric")
     if np.linalg.eigvalsh(covariance).min() < -tolerance:
-        raise ValueError("covariance has a negative variance in some direction: no errors are correlated so")
+        raise ValueError("covariance is not positive semi-definite: it has a negative variance in some direction")
 
 
 def ways(bridge: Bridge) -> Ways:

@@ -152,7 +152,7 @@ class SeenInTable(RegionTable):
 def _belief(value: object) -> float:
     belief = probability(value, "belief")
     if belief == 0:
-        raise ValueError("belief 0: a contact that is surely none of ours says nothing; leave it out")
+        raise ValueError("belief 0: the contact is certainly false and has no effect; remove it")
     return belief
 
 
@@ -231,7 +231,7 @@ class ContactTable(fields.Table):
         measured = [key for key in ("received_level", "frequency") if getattr(self, key) is not None]
         wrong = []
         if measured and not by_sensor:
-            wrong.append(f"{' and '.join(measured)}: what received it? Give the sensor of a bearing or a range")
+            wrong.append(f"{' and '.join(measured)}: a bearing or range needs the sensor that measured it")
         if measured and self.false_density is not None:
             wrong.append(f"false_density is of places alone; with {' and '.join(measured)} give belief")
         if by_sensor and self.of is not None:

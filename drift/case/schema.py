@@ -219,7 +219,7 @@ class CaseTable(fields.Table):
     family: list[FamilyTable] = Field(default_factory=list)
     """Hundreds of scenarios in a few lines: the products of routes, speeds, times."""
     spill: SpillTable | None = None
-    """Many objects from one cause."""
+    """Many objects released by one event."""
     find: list[FindTable] = Field(default_factory=list)
     """Objects of a spill that were found."""
     patrol: list[PatrolTable] = Field(default_factory=list)

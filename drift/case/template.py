@@ -8,7 +8,7 @@ from geo.errors import UserError
 STORIES = {
     "position": "adrift from a reported position",
     "passage": "overdue on passage: under way, then adrift, or late",
-    "spill": "many objects from one cause, and where they come ashore",
+    "spill": "many objects released by one event, and where they come ashore",
     "search": "sorties that found nothing, and units for the next search",
 }
 TRACKED = {"contact": "a contact that was lost: its track by the detections there are"}  # of drift track

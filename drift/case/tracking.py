@@ -408,7 +408,9 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
                 f'sensor "{sensor.name}": hears the target\'s radar, which is never on; give [target.radiates]'
             )
         if target is not None and "grace" in sensor.model_fields_set:
-            wrong.lines.append(f'sensor "{sensor.name}".grace: is of detections; of a [target] every sweep is known')
+            wrong.lines.append(
+                f'sensor "{sensor.name}".grace: only applies to cases with detections; with a [target] every sweep is simulated'
+            )
     if target is not None and table.show:
         wrong.lines.append("show: is of detections; a [target] is followed in experiments")
     if target is None and "experiment" in table.model_fields_set and (table.detections or table.detection):

@@ -147,7 +147,9 @@ def _stories(stories: dict[str, Any]) -> Facts:
             else []
         )
         if story["prior_on_land"] > 0:
-            remarks.append(f"{notation.percent(story['prior_on_land'])} of its prior was on land and left out")
+            remarks.append(
+                f"{notation.percent(story['prior_on_land'])} of its starting positions were on land and ignored"
+            )
         if remarks:
             facts[f'scenario "{name}"'] = "; ".join(remarks)
     if shown.rest:
@@ -305,13 +307,13 @@ def spill(numbers: dict[str, Any]) -> Facts:
             for place in dense
         )
     for find in washup["finds"]:
-        odd = "; ODD, check it" if find["odd"] else ""
+        unlikely = "unlikely: check it, or set false = 0.1" if find["odd"] else "not unusual"
         facts[f'find {find["number"]} "{find["name"]}"'] = (
-            f"{find['stretch']}: probability of the next find here {notation.percent(find['probability_beforehand'])}, "
-            f"at places at most as likely {notation.percent(find['tail'])}; {verdict.ours(find)}{odd}"
+            f"{find['stretch']}: chance of a find here was {notation.percent(find['probability_beforehand'])}, "
+            f"{unlikely} ({notation.percent(find['tail'])} at places at most as likely); {verdict.ours(find)}"
         )
     if washup["silence"]:
-        facts["taken for granted"] = washup["silence"]
+        facts["assumed"] = washup["silence"]
     for patrol in washup["patrols"]:
         facts[f'patrol "{patrol["name"]}"'] = (
             f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km of shoreline, finds "
@@ -341,8 +343,7 @@ def _number(figure: dict[str, float]) -> str:
     span = f"{low:.0f} to {high:.0f} objects" if high > low else f"{low:.0f} object{'s' * (low != 1)}"
     if low == high and abs(mean - low) < 1e-9:
         return span
-    error = f"Monte Carlo error of that mean {figure['standard_error']:.2g}"
-    return f"{span} (10 to 90 %), {mean:.1f} on average ({error})"
+    return f"{span} (10 to 90 %), mean {mean:.1f} +- {figure['standard_error']:.2g} (sampling)"
 
 
 def origin(release: dict[str, Any], warnings: Sequence[str] = ()) -> Facts:

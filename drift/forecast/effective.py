@@ -169,7 +169,7 @@ def parts(data: Any, time: int) -> list[str]:
             rough += [(f'of scenario "{name}"{_others(len(stories) - 1)}', sum(share for _, share, _ in stories), n)]
     for name, share, n in rough:
         sentences.append(
-            f"{sentence(Count(n), name, 'what is said of these alone is rough')} ({100 * share:.0f} % of the probability)"
+            f"{sentence(Count(n), name, 'figures of this part are rough')} ({100 * share:.0f} % of the probability)"
         )
     return sentences
 

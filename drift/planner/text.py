@@ -74,8 +74,8 @@ def warnings(plan: Plan, synthetic: bool) -> list[str]:
         lines.append("SYNTHETIC wind or current. NOT FOR OPERATIONS.")
     if plan.seen - plan.value > OPTIMISTIC:
         lines.append(
-            f"the plan scored {plan.seen:.3f} on the particles that it was made on, {plan.value:.3f} on others: "
-            "it fits chance. Plan with more particles."
+            f"overfitted: the plan scored {plan.seen:.3f} on the particles that it was made on, {plan.value:.3f} on others. "
+            "Plan with more particles."
         )
     lines += [
         f"{other.name}: finds {-other.difference:.3f} +- {other.standard_error:.3f} more than this plan, of the particles "
@@ -169,7 +169,7 @@ def _table(plan: Plan, names: Sequence[str]) -> list[str]:
         lines.append(
             f"   {name:6}{unit:24}{times[0]:9}{times[1]:10}{times[2]:9}{times[3]:9}{notation.probability(tasking.pos):>5}"
         )
-    return [*lines, *_fill("POS: of each, given that all before it in this list have failed", 3)]
+    return [*lines, *_fill("POS: of each unit, conditional on the failure of those before it in this list", 3)]
 
 
 def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
@@ -213,7 +213,7 @@ def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
     waits = float((tasking.takeoff - max(unit.ready, plan.spec.begin)) / np.timedelta64(1, "h"))
     if waits >= LONG_WAIT:
         why = f": {tasking.waits}" if tasking.waits else ""
-        rows.append(("Waits", f"{waits:.1f} h after it is ready{why}"))
+        rows.append(("Departs", f"{waits:.1f} h after it is ready{why}"))
     rows += [
         ("Takeoff", f"{notation.group(tasking.takeoff)}   from {notation.stated_position(*unit.base)}"),
         ("On scene", notation.group(tasking.on_scene) + ("   at the CSP" if sortie.legs else "")),

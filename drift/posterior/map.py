@@ -350,9 +350,8 @@ def _account(posteriors: Posteriors, stages: list[Stage]) -> str:
 def _explained(letters: float) -> str:
     """Return what the marks are, in lines as wide as so many large letters."""
     text = (
-        "A histogram is as high as its row, with the outline of the first one to the same scale; a bar that is broken "
-        "stands out of it, and has its share beside it. Bars of scenarios, destinations and sides are shares in %. "
-        "Beside a histogram: the median, 5 to 95 %, and in which share of the probability it means anything. "
+        "Outline: before. Tall bars are cut, with the value beside. Bars of scenarios, destinations and sides are shares in %. "
+        "Beside a histogram: the median, 5 to 95 %, and the share of the probability to which it applies. "
         "By scenario and in full: posteriors.csv."
     )
     return "\n".join(textwrap.wrap(text, int(1.2 * letters)))

@@ -142,7 +142,7 @@ def _scenario(scenario: Scenario, dry: float) -> str:
     if scenario.object.lull > 0 and (own is None or own.distress is not None):
         text += f"; leads upwind in winds below {scenario.object.lull:.1f} m/s"
     if dry > 0:
-        text += f"; {notation.percent(dry)} of its prior is on land and left out"
+        text += f"; {notation.percent(dry)} of its starting positions are on land and ignored"
     if scenario.survival is not None:
         text += f"; alive: {alive.basis(scenario)}"
     return text

@@ -81,7 +81,9 @@ def kept(folder: Path) -> Iterator[dict[str, str]]:
         ) from None
     with hidden.alone(folder, 0.0) as free:
         if not free:
-            raise UserError("another drift fetch is at work on this very order; wait for it, or end it")
+            raise UserError(
+                "another `drift fetch` is already downloading this request; wait for it to finish or stop it"
+            )
         yield _verified(folder)
 
 

@@ -119,7 +119,7 @@ WRONG = {
     "errors out of order": (BEARING.replace('"3 deg"', '[[0, "9 deg"], [50, "3 deg"], [40, "2 deg"], [90, "2 deg"]]'), "does not come after"),
     "beyond its reach": (BEARING.replace(" }", ', near = "90 nmi" }'), "which reaches 80.0 nmi"),
     "a beam that is not there": (BEARING.replace(" }", ", beams = [2] }"), "must be numbers from 1 to 1"),
-    "level without sensor": ('position = { at = "27 30N 088 00W", std = "5 nmi" }\n' + LEVEL, "what received it?"),
+    "level without sensor": ('position = { at = "27 30N 088 00W", std = "5 nmi" }\n' + LEVEL, "a bearing or range needs the sensor"),
     "level of a radar": (BEARING.replace("array", "radar") + LEVEL, "are of a sonar"),
     "level and false density": (BEARING + LEVEL + 'false_density = "0.01 /deg"\n', "with received_level give belief"),
     "frequency and false density": (BEARING + FREQUENCY + 'false_density = "0.01 /deg"\n', "with frequency give belief"),

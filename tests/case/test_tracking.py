@@ -55,7 +55,7 @@ def test_a_good_case_is_read(tmp_path: Path) -> None:
         ('duration = "1 h"', 'duration = "1 h"\nwindow = 3', 'unknown key "window"; it is a key of [experiment]. Allowed: title,'),
         ("change = 0.5", 'change = 0.5\n[experiment.published.m]\n"position eror" = 2.5', 'experiment.published "m": no figure "position eror"; there are position error, course'),
         ('reach = "10 nmi"', 'reach = "10 nmi"\nseed = 3', 'sensor "eyes": unknown key "seed"; it is a key of the file itself, above its first [table]. Allowed: name,'),
-        ('reach = "10 nmi"', 'reach = "10 nmi"\ngrace = "20 min"', 'sensor "eyes".grace: is of detections; of a [target] every sweep is known'),
+        ('reach = "10 nmi"', 'reach = "10 nmi"\ngrace = "20 min"', 'sensor "eyes".grace: only applies to cases with detections; with a [target] every sweep is simulated'),
         ('duration = "1 h"', 'duration = "1 h"\nshow = ["5 min"]', "show: is of detections; a [target] is followed in experiments"),
         ('acts = ["3 min", "15 min"]', 'acts = ["0.001 s", "15 min"]', "acts: the shortest time between acts must be 1 s or more"),
         ('fastest = "32 kn"', "fastest = 1e-300", "fastest 1e-300 m/s must be 0.01 m/s or more"),

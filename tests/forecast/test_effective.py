@@ -204,8 +204,8 @@ def test_a_part_that_stands_on_few_is_told():
     assert own(weight) > 200
     told = effective.of_run(made.data, n)
     assert told == [
-        "only 20 particles are effective of those ashore: what is said of these alone is rough (10 % of the probability)",
-        'only 50 particles are effective of scenario "second": what is said of these alone is rough (20 % of the probability)',
+        "only 20 particles are effective of those ashore: figures of this part are rough (10 % of the probability)",
+        'only 50 particles are effective of scenario "second": figures of this part are rough (20 % of the probability)',
     ]
     row = next(csv.DictReader(io.StringIO(tables.ashore(made, "run"))))
     assert float(row["effective_particles"]) == pytest.approx(20)
@@ -222,7 +222,7 @@ def test_stories_that_stand_on_few_are_one_line():
     one = snapshot(lon, lat, weight, 0, np.zeros(n, np.int32), scenario)
     made = forecast_build.build([one], scenarios=["a", "b", "c", "d"])
     assert effective.of_run(made.data, n) == [
-        'only 50 particles are effective of scenario "b", and few of 2 others: what is said of these alone is rough (60 % of the '
+        'only 50 particles are effective of scenario "b", and few of 2 others: figures of this part are rough (60 % of the '
         "probability)"
     ]
 

@@ -155,9 +155,9 @@ def test_one_reason_of_a_wait_is_told():
     plan = replace(plan, spec=replace(plan.spec, begin=ready))
     late = replace(first, unit=replace(first.unit, ready=ready), waits="for daylight")
     told = block(plan_text.text(replace(plan, taskings=(late,)), "Overdue boat", "run-s1"), "A-1")
-    assert line(told, "Waits").split("Waits")[1].strip() == "3.0 h after it is ready: for daylight"
+    assert line(told, "Departs").split("Departs")[1].strip() == "3.0 h after it is ready: for daylight"
     soon = replace(late, unit=replace(first.unit, ready=first.takeoff))
-    assert "Waits" not in plan_text.text(replace(plan, taskings=(soon,)), "Overdue boat", "run-s1")
+    assert "Departs" not in plan_text.text(replace(plan, taskings=(soon,)), "Overdue boat", "run-s1")
 
 
 def test_pod_is_a_table_with_whole_names():

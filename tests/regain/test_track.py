@@ -117,10 +117,7 @@ def test_a_path_is_written(tmp_path: Path) -> None:
     assert files.numbers(missed)["path"]["found"]
     near = files.numbers(found)["path"]["could_be_within_reach"]
     assert near > met[-1] / 100
-    assert (
-        f" % of the cloud within 5 nmi (of {100 * near:.0f} % that come where it could be), of another"
-        in text.facts(found)["path"]
-    )
+    assert f" % of the particles within 5 nmi (at most {100 * near:.0f} % are reachable); " in text.facts(found)["path"]
     route = ET.parse(tmp_path / "out" / "path.gpx").getroot().findall("g:rte/g:rtept", SPACE)
     assert [float(point.get("lat", "")) for point in route] == pytest.approx(lat, abs=1e-4)
 
@@ -614,14 +611,14 @@ def test_what_a_plot_leaves_of_the_cloud_is_told(tmp_path: Path) -> None:
     assert [round(held / 60) for held in found.held.time[found.held.anew]] == [21]
     words = text.facts(found)
     assert words["repopulated"].startswith(
-        f"from the box of what was detected at 050021ZMAR26 ({100 * float(found.held.left[found.held.anew][0]):.2g} %), as fewer than bulk, 10 % of "
+        f"at 050021ZMAR26 ({100 * float(found.held.left[found.held.anew][0]):.2g} %), because fewer than bulk, 10 % of "
     )
-    assert ": half of what is drawn takes any course" in words["repopulated"]
+    assert ": half of the new particles take any course" in words["repopulated"]
     assert json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["track"]["drawn_anew"] == [
         {"time": "2026-03-05T00:21:00Z", "left": float(found.held.left[found.held.anew][0])}
     ]
     none = drift.track(tmp_path / "c.toml", changes={"method.0.fill": "position", "particles": "100", "sensor.1.bearing_ambiguity": "0.001"})  # fmt: skip
-    assert ": all of what is drawn takes any course" in text.facts(none)["repopulated"]
+    assert ": all of the new particles take any course" in text.facts(none)["repopulated"]
     # Another plot at the second's time, all round from 2 to 2.6 nmi: of what that left and drew its share by weight, not by number.
     plots = (tmp_path / "d.csv").read_text(encoding="utf-8")
     (tmp_path / "d.csv").write_text(plots.replace("+21 min,radar", f"+11 min,sharp,,2.3,{there}\n+21 min,radar"), encoding="utf-8")  # fmt: skip
