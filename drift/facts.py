@@ -29,7 +29,7 @@ from geo.files import digest
 from kernels import runtime
 
 LAND = {  # what land means to a target under way, in words
-    "refuse": "lanes, voyages and areas that touch land are refused",
+    "refuse": "lanes, voyages and areas that touch land are rejected",
     "stop": "what meets the shore under way runs aground there",
     "ignore": "ways lead over land",
 }

@@ -490,7 +490,7 @@ def origin(
     can mend.
     """
     if case.spill is None:
-        raise UserError(f"{case.path.name}: has no [spill]; an origin is told from the [[find]]s of a spill")
+        raise UserError(f"{case.path.name}: has no [spill]; an origin is estimated from the [[find]]s of a spill")
     job = opened(case, Options(out, datasets, threads, backend, overwrite, report))
     where = job.where
     assert where.coast is not None

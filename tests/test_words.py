@@ -23,6 +23,9 @@ BANNED = {  # a pattern, and what to write instead
     r"lies? ashore|lying ashore": "stranded",
     r"particles? (that )?counts?|worlds? (that )?counts?|scenarios? that count": "effective particles, effective sample size",
     r"what is believed": "posterior",
+    r"laws|law of detection|fitted law": "detection function, distribution, model",
+    r"told|tells?": "report, print, show, list",
+    r"(?<!\")refus(es|ed|als?)": "reject, error",
 }
 OF_ARCHITECTURE = ("docs/architecture.md",)  # written elsewhere
 PAGES = sorted(
@@ -54,7 +57,7 @@ def literals(source: str) -> Iterator[str]:
     hidden = set()
     for node in ast.walk(tree):
         if (
-            isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+            isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
             and ast.get_docstring(node, clean=False) is not None
         ):
             hidden.add(id(node.body[0].value))  # type: ignore[attr-defined]

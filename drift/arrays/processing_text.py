@@ -125,7 +125,7 @@ def notes(plan: Any) -> list[str]:
         "share its fluctuation, and of those processed in a slot the best counts; arrays miss apart.",
         "POD: that the target is heard at least once, on tracks drawn for planning, given all that the case knows. Beams were chosen on "
         "these, or some of them; it is not of the particles of the forecast beside it.",
-        "Beams: R is relative to the array's heading, T true. A line cannot tell port from starboard: its beam hears both "
+        "Beams: R is relative to the array's heading, T true. A line cannot distinguish port from starboard: its beam hears both "
         "sides.",
         "An unknown that a group of sensors shares is drawn once for each track.",
     ]

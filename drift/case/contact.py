@@ -235,7 +235,7 @@ class ContactTable(fields.Table):
         if measured and self.false_density is not None:
             wrong.append(f"false_density is of places alone; with {' and '.join(measured)} give belief")
         if by_sensor and self.of is not None:
-            wrong.append("of and sensor: a sensor of the case tells of the object itself; leave one of them out")
+            wrong.append("of and sensor: a sensor of the case observes the object itself; leave one of them out")
         if self.frequency is not None and self.frequency.source_group is not None and self.belief is not None:
             wrong.append(
                 "belief and source_group: what a doubtful contact teaches of the source is not followed; leave one out"

@@ -56,9 +56,9 @@ class DetectionTable(fields.Table):
     sensor: str = ""
     """By whom."""
     bearing: fields.Direction | None = None
-    """True; nothing is told of it by default."""
+    """True; unknown by default."""
     range: Annotated[float, BeforeValidator(_with_unit)] | None = None
-    """With its unit; nothing is told of it by default."""
+    """With its unit; unknown by default."""
     lat: fields.Latitude | None = None
     """Of the tracker."""
     lon: fields.Longitude | None = None

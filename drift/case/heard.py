@@ -175,7 +175,7 @@ def sided(own: Heard, bearing: float, side: Side | None) -> Heard:
         return replace(own, mirrored=mirrored)
     if not mirrored:
         raise ValueError(
-            f'side: sensor "{own.sensor.name}" tells port from starboard, or its gain is not `mirrored`; leave side out'
+            f'side: sensor "{own.sensor.name}" distinguishes port from starboard, or its gain is not `mirrored`; leave side out'
         )
     off = float(sphere.wrap(np.float64(bearing - own.heading)))
     if (off > AHEAD and side == "port") or (off < -AHEAD and side == "starboard"):

@@ -64,7 +64,7 @@ class OutputTable(fields.Table):
     areas: Annotated[tuple[float, ...], BeforeValidator(shares.percents)] = tuple(
         100 * share for share in shares.SHARES
     )
-    """Shares of the probability, in per cent, whose smallest areas are told everywhere."""
+    """Shares of the probability, in per cent, whose smallest areas are reported in every output."""
     about: AboutTable = AboutTable()
     """Who made this and how it may be used; stands in every file."""
 
@@ -190,7 +190,7 @@ class CaseTable(fields.Table):
     seed: fields.Count = 1
     """The number from which all chance of the run follows: the same case and seed give the same bits."""
     max_lost: fields.Share = 0.2
-    """The largest share of the probability that may be lost at the edges of the forcing; more is refused."""
+    """The largest share of the probability that may be lost at the edges of the forcing; more is rejected."""
     output: OutputTable = OutputTable()
     """When there are maps, of what areas, and on which grid."""
     clock: ClockTable = ClockTable()

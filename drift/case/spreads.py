@@ -87,7 +87,7 @@ class Times(fields.Table):
     at: fields.Time | None = None
     """The time itself, or the mean with `std`."""
     std: fields.Duration | None = None
-    """Standard deviation of a normal law."""
+    """Standard deviation of a normal distribution."""
 
     @model_validator(mode="after")
     def one_law(self) -> "Times":

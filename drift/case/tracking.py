@@ -44,7 +44,7 @@ MOST_SHOWN = 50  # times at which a cloud is drawn
 def _ambiguity(value: object) -> float:
     share = units.quantity(value, "", "range ambiguity", "0.3")
     if not 0 <= share <= 1:
-        raise ValueError(f"{value!r} must be a share of the range, 0 (exact) to 1 (nothing is told of it)")
+        raise ValueError(f"{value!r} must be a share of the range, 0 (exact) to 1 (unknown)")
     return share
 
 
@@ -109,7 +109,7 @@ class SensorTable(fields.Table):
     reach: fields.Reach
     """How far."""
     range_ambiguity: Ambiguity
-    """0: ranges are exact; 1: nothing is told of them."""
+    """0: ranges are exact; 1: they are unknown."""
     bearing_ambiguity: BearingError
     """On either side, in degrees."""
     sweep: fields.Duration = 1.2
@@ -117,7 +117,7 @@ class SensorTable(fields.Table):
     on: Annotated[PlanTable | bool, BeforeValidator(_on)] = True
     """When it is on."""
     hears: bool = False
-    """It detects a target's radar while that is on; its silence tells nothing."""
+    """It detects a target's radar while that is on; its silence is no evidence."""
     grace: Elapsed = 300.0
     """Of `detections`: its silence counts no nearer to a detection, by any sensor, of what is within its reach, for not every plot is written down."""
 
@@ -283,7 +283,7 @@ class TrackingTable(fields.Table):
     detection: list[DetectionTable] = Field(default_factory=list)
     """The same in this file, in order of time; ranges with their unit."""
     show: list[fields.Moment] = Field(default_factory=list)
-    """Of detections: times, after the start or of date and time, at which the cloud is drawn and its areas are told; by default the last detection, the end, and between."""
+    """Of detections: times, after the start or of date and time, at which the cloud is drawn and its areas are reported; by default the last detection, the end, and between."""
     tracker: TrackerTable = TrackerTable()
     """Who follows."""
     land: Literal["turn", "ignore"] = "turn"

@@ -20,7 +20,7 @@ AREA = "area: cell_area"
 COUNTED = "of resampled particles, that of the particles from which they descend"
 SUMMARY = (
     "Probability of where an object at sea is over time, by cells, from weighted particles: what they drifted or steered, "
-    "what searches and contacts told up to each time, areas that hold stated shares, and what became of the object."
+    "what searches and contacts showed up to each time, areas that hold stated shares, and what became of the object."
 )
 SUMMED = "time: point area: sum"  # CF's cell methods of a share of the cell at a time
 CALIBRATED = "calibrated so that the share of held-out particles inside equals the stated one"

@@ -144,9 +144,9 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
         rows.append(("Ashore", words))
     if plan.bound:
         bound = (
-            "An estimate: no plan of these units, laws and times is expected to find more than "
+            "An estimate: no plan of these units, detection functions and times is expected to find more than "
             f"{_up(plan.bound, 3):.3f} of the particles that this one was made on. It finds {plan.seen:.3f} of those: "
-            f"{100 * plan.seen / plan.bound:.0f} %. The particles that its worth is told of are others: two standard "
+            f"{100 * plan.seen / plan.bound:.0f} %. Its worth is estimated on other particles: two standard "
             f"errors of sampling are {_up(2 * plan.bound_error, 3):.3f}"
         )
         rows.append(("Bound", bound))

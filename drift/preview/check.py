@@ -253,7 +253,7 @@ def _named_sensor(sensor: Sensor) -> str:
 def _sensor(what: Look | Presence | Barrier | Line) -> str:
     """Return what a sensor was, when it looked on, and what it said."""
     if isinstance(what, Line):
-        return f"{len(what.points)} points; its first crossing is told"
+        return f"{len(what.points)} points; its first crossing is reported"
     if isinstance(what, Look):
         sees = "something" if what.positive else "nothing"
         if what.field is None:

@@ -110,7 +110,7 @@ WRONG = {
     "side alone": ('bearing = { from = "27 20N 088 00W", side = "port", bearing = 280, std = "3 deg" }\n', "side is of an array"),
     "std by bearing alone": ('bearing = { from = "27 20N 088 00W", bearing = 280, std = [[0, "3 deg"], [90, "1 deg"]] }\n', "std by relative bearing is of an array"),
     "side that it is not on": (BEARING.replace(" }", ', side = "starboard" }'), "its image to starboard is 140.0"),
-    "side of what can tell": (BY_TOW.replace(" }", ', side = "port" }'), "tells port from starboard"),
+    "side of what can tell": (BY_TOW.replace(" }", ', side = "port" }'), "distinguishes port from starboard"),
     "no error": (BEARING.replace(', std = "3 deg"', ""), "give std"),
     "two errors": (BEARING.replace(" }", ', wedge = "8 deg" }'), "give std"),
     "an error of 100 degrees": (BEARING.replace("3 deg", "100 deg"), "above 0 and at most 90 deg"),

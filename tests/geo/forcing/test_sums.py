@@ -260,7 +260,7 @@ def test_each_term_must_last_as_long_as_the_run_and_its_holes_are_told(
         drift.run(case_of(folder, RESIDUAL.replace("residual.nc", "first.nc") + TIDE))
     fields[1].isel(time=[*range(30), *range(45, 74)]).to_netcdf(folder / "holed.nc")
     holed = RESIDUAL + TIDE.replace("tide.nc", "holed.nc")
-    with pytest.raises(UserError, match=r"nothing from 220340ZNOV26 to 220900ZNOV26.* add = true"):
+    with pytest.raises(UserError, match=r"no data from 220340ZNOV26 to 220900ZNOV26.* add = true"):
         check.check(case_of(folder, holed))
     told = check.check(case_of(folder, holed, max_lost="1.0"))
     assert "no values between 220340ZNOV26 and 220900ZNOV26" in told["current tide"]
