@@ -22,6 +22,7 @@ BANNED = {  # a pattern, and what to write instead
     r"alike": "uniform, equal, the same",
     r"lies? ashore|lying ashore": "stranded",
     r"particles? (that )?counts?|worlds? (that )?counts?|scenarios? that count": "effective particles, effective sample size",
+    r"whom|who (follows|is followed|is sought|comes|has arrived|keeps|crosses)": "the particle, target, vessel or unit",
     r"what is believed": "posterior",
     r"laws|law of detection|fitted law": "detection function, distribution, model",
     r"told|tells?": "report, print, show, list",

@@ -54,7 +54,7 @@ class DetectionTable(fields.Table):
     time: fields.Time
     """Date and time, or the time after the start."""
     sensor: str = ""
-    """By whom."""
+    """The sensor."""
     bearing: fields.Direction | None = None
     """True; unknown by default."""
     range: Annotated[float, BeforeValidator(_with_unit)] | None = None

@@ -141,7 +141,7 @@ class CoastTable(fields.Table):
     lakes: Annotated[Any, BeforeValidator(_lakes)] = False
     """`true` where lakes of `source` are water, or a file of lakes; else they are land."""
     behaviour: Literal["strand", "refloat", "slide"] = "strand"
-    """What reaches the shore stays for good, refloats with a half-life, or slides along it."""
+    """Particles at the shore stay, refloat with a half-life, or slide along it."""
     half_life: fields.Duration | None = None
     """Of stranded particles, with `refloat`."""
     offing: Annotated[fields.Length, Field(gt=0, le=2000)] = 100.0
@@ -213,7 +213,7 @@ class CaseTable(fields.Table):
     """Voyages by name, `[voyage.passage]`, that several scenarios share: a phase says `voyage = "passage"`, or `voyage = { like = "passage",
     speed = "3 kn" }` where some of its keys are its own."""
     tracker: dict[str, TrackerTable] = Field(default_factory=dict)
-    """Who is sought or fled from, by name, `[tracker.patrol]`: a phase of `behaviour` says `tracker = "patrol"`."""
+    """Vessels that targets seek or flee from, by name, `[tracker.patrol]`: a phase of `behaviour` says `tracker = "patrol"`."""
     scenario: list[ScenarioTable] = Field(default_factory=list)
     """Scenarios of one object, each with its weight; give these, families of them, or a `[spill]`."""
     family: list[FamilyTable] = Field(default_factory=list)
@@ -225,7 +225,7 @@ class CaseTable(fields.Table):
     patrol: list[PatrolTable] = Field(default_factory=list)
     """Patrols that walked stretches of coast."""
     patrol_unit: list[PatrolUnitTable] = Field(default_factory=list)
-    """Who can walk the shore next: `drift plan` of a spill sends them."""
+    """Teams that can walk the shore next: `drift plan` of a spill sends them."""
     sortie: list[SortieTable] = Field(default_factory=list)
     """Searches that found nothing, or were flown."""
     contact: list[ContactTable] = Field(default_factory=list)
@@ -237,11 +237,11 @@ class CaseTable(fields.Table):
     presence: list[PresenceTable] = Field(default_factory=list)
     """A field that was watched over a time."""
     barrier: list[BarrierTable] = Field(default_factory=list)
-    """A line that was manned and reports who crosses it."""
+    """A line that was manned and reports targets that cross it."""
     line: list[LineTable] = Field(default_factory=list)
     """A line of which the first crossing is asked."""
     unit: list[UnitTable] = Field(default_factory=list)
-    """Who can search next: `drift plan` sends them."""
+    """Units that can search next: `drift plan` sends them."""
     tow: list[TowTable] = Field(default_factory=list)
     """Ships that tow arrays: `drift plan` places them."""
     plan: PlanTable = PlanTable()

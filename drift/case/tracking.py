@@ -277,7 +277,7 @@ class TrackingTable(fields.Table):
     seed: fields.Count = 1
     """Of all random numbers."""
     target: TargetTable | None = None
-    """Who is followed in an experiment."""
+    """The target of an experiment."""
     detections: str | None = None
     """In place of it, a CSV file of what was detected: `time`, `sensor`, `bearing` (true, degrees), `range` (nmi), and where the tracker was, `lat` and `lon`."""
     detection: list[DetectionTable] = Field(default_factory=list)
@@ -285,7 +285,7 @@ class TrackingTable(fields.Table):
     show: list[fields.Moment] = Field(default_factory=list)
     """Of detections: times, after the start or of date and time, at which the cloud is drawn and its areas are reported; by default the last detection, the end, and between."""
     tracker: TrackerTable = TrackerTable()
-    """Who follows."""
+    """The vessel that follows."""
     land: Literal["turn", "ignore"] = "turn"
     """What the shore means to particles, and to a target that acts: they turn there to any other course, or pass over."""
     sensor: Annotated[list[SensorTable], Field(min_length=1)]

@@ -24,7 +24,7 @@ def behaviour(more: str, head: str = PATROL) -> str:
 
 
 BAD = {
-    "nobody to seek": (behaviour(f"{ACTS}, seek = 0.2"), "phase 1.behaviour: tracker: is missing: whom does it seek or hide from?"),
+    "nobody to seek": (behaviour(f"{ACTS}, seek = 0.2"), "phase 1.behaviour: tracker: is missing: name the vessel to seek or hide from"),
     "a tracker that there is not": (
         behaviour(f'{ACTS}, hide = 0.2, tracker = "frigate"'),
         "phase 1.behaviour.tracker: no tracker 'frigate'; there are: [tracker.patrol]",
