@@ -1,6 +1,6 @@
 """The words of our own dialect stand in no page, message or help: the field has a term for each.
 
-What a reader sees is searched: pages, templates, descriptions of files, the texts of the report, and string literals of the program
+What a reader sees is searched: pages, cases, templates, descriptions of files, the texts of the report, and string literals of the program
 that are more than an identifier, with those below the keys of a case, which the reference of keys shows. Names in backticks, such as
 `stories.png`, are names and no prose.
 """
@@ -34,7 +34,7 @@ PAGES = sorted(
     for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
     if "generated" not in path.parts and str(path.relative_to(ROOT)) not in OF_ARCHITECTURE
 )
-TEXTS = sorted([*(ROOT / "cases" / "templates").glob("*.toml"), ROOT / "docs" / "generate" / "files.toml"])
+TEXTS = sorted([*(ROOT / "cases").rglob("*.toml"), ROOT / "docs" / "generate" / "files.toml"])
 SHOWN = sorted([*(ROOT / "drift").rglob("assets/*.html")])
 SOURCES = sorted(path for package in ("drift", "geo", "kernels") for path in (ROOT / package).rglob("*.py"))
 WORD = re.compile(rf"\b({'|'.join(f'(?:{pattern})' for pattern in BANNED)})\b", flags=re.IGNORECASE)
