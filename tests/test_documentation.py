@@ -73,7 +73,7 @@ CHECKED: dict[str, type[BaseModel]] = {
 
 EVERY = {writer.SUMMARY, manifest.NAME, flow.REPORT}  # what every run writes
 WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapters that it describes
-    "README.md": {
+    "docs/files.md": {
         *EVERY, *forecast_chapter.FILES, *forecast_chapter.PICTURES, *forecast_chapter.STORIES, *suspend_chapter.FILES, *suspend_chapter.PICTURES,
         *search_chapter.FILES, *search_chapter.PICTURES, *search_chapter.MAPS,
         *search_chapter.LINE_FILES, *search_chapter.LINE_PICTURES,
@@ -135,7 +135,8 @@ def named(page: str) -> set[str]:
 
 def test_the_table_of_files_is_what_a_run_with_sorties_writes() -> None:
     """A row for each file of a forecast, of a search and of a decision to suspend, and none for a file that is not written."""
-    assert set(rows((ROOT / "README.md").read_text(encoding="utf-8"), "file")) == WRITTEN["README.md"]
+    page = "docs/files.md"
+    assert set(rows((ROOT / page).read_text(encoding="utf-8"), "file")) == WRITTEN[page]
 
 
 @pytest.mark.parametrize("page", WRITTEN)
@@ -199,8 +200,32 @@ def test_examples_are_understood(page: str) -> None:
 def test_the_table_of_benchmarks_names_each() -> None:
     """Files that are a part of others are no benchmarks."""
     own = [path for path in (ROOT / "benchmarks").glob("*.py") if "__main__" in path.read_text(encoding="utf-8")]
-    told = rows((ROOT / "README.md").read_text(encoding="utf-8"), "command")
-    assert {name.split()[1] for name in told if "benchmarks/" in name} == {f"benchmarks/{path.name}" for path in own}
+    listed = rows((DOCS / "performance.md").read_text(encoding="utf-8").partition("## Benchmarks")[2], "command")
+    assert {name.split()[1] for name in listed if "benchmarks/" in name} == {f"benchmarks/{path.name}" for path in own}
+
+
+@pytest.mark.parametrize("page", ["performance.md", "validation.md"])
+def test_every_figure_names_a_command(page: str) -> None:
+    """Each row of a table that ends in commands has one, and the tests that it names are there."""
+    found = [line for line in (DOCS / page).read_text(encoding="utf-8").splitlines() if line.startswith("| ")]
+    headed = False
+    for line in found:
+        last = line.strip("|").split(" | ")[-1].strip()
+        headed = last == "command" or (headed and not re.match(r"\| (part|what|command) \|", line))
+        if headed and last != "command":
+            assert re.search(r"`(pytest|python|drift) ", last), line
+    named = re.findall(r"tests/[\w/.]+", "\n".join(found))
+    assert {name for name in named if not (ROOT / name).exists()} == set()
+
+
+def test_the_readme_is_short() -> None:
+    """At most 7 KB: what is longer has a page of its own."""
+    assert len((ROOT / "README.md").read_bytes()) <= 7 * 1024
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/index.md", "docs/explanation.md"])
+def test_the_glossary_is_linked(page: str) -> None:
+    assert "glossary.md)" in (ROOT / page).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -11,16 +11,16 @@ from generate import runs
 PICTURES = ("map.png", "washup.png", "search.png", "evidence.png", "posteriors.png", "suspend.png", "snapshots.png")
 CAPTIONS = {
     "map.png": "Where it may be, when it matters", "washup.png": "What comes ashore where", "search.png": "The sorties, one by one",
-    "evidence.png": "What each sortie showed", "posteriors.png": "What is believed besides places", "suspend.png": "Suspend?",
+    "evidence.png": "What each sortie showed", "posteriors.png": "Posteriors besides position", "suspend.png": "Suspend?",
     "snapshots.png": "The same at each output", "plan.png": "The next search", "plan-A-1.png": "The sheet of a unit",
 }  # fmt: skip
 
 
 def about() -> dict[str, str]:
-    """Return what README says of each shipped case."""
-    text = (runs.ROOT / "README.md").read_text(encoding="utf-8")
+    """Return the description of each shipped case, from its page."""
+    text = (runs.ROOT / "docs" / "cases.md").read_text(encoding="utf-8")
     table = re.search(r"^\| case \| what \|\n\|[-|]+\n((?:\|.*\n)*)", text, flags=re.MULTILINE)
-    assert table, "README has no table of shipped cases"
+    assert table, "docs/cases.md has no table of shipped cases"
     found = {}
     for line in table[1].splitlines():
         names, what = (cell.strip() for cell in line.strip("|").split(" | "))

@@ -64,7 +64,7 @@ class OutputTable(fields.Table):
     areas: Annotated[tuple[float, ...], BeforeValidator(shares.percents)] = tuple(
         100 * share for share in shares.SHARES
     )
-    """Shares of the probability, in per cent, whose smallest areas are told everywhere."""
+    """Shares of the probability, in per cent, whose smallest areas are reported in every output."""
     about: AboutTable = AboutTable()
     """Who made this and how it may be used; stands in every file."""
 
@@ -141,9 +141,9 @@ class CoastTable(fields.Table):
     lakes: Annotated[Any, BeforeValidator(_lakes)] = False
     """`true` where lakes of `source` are water, or a file of lakes; else they are land."""
     behaviour: Literal["strand", "refloat", "slide"] = "strand"
-    """What reaches the shore stays for good, refloats with a half-life, or slides along it."""
+    """Particles at the shore stay, refloat with a half-life, or slide along it."""
     half_life: fields.Duration | None = None
-    """Of what lies ashore, with `refloat`."""
+    """Of stranded particles, with `refloat`."""
     offing: Annotated[fields.Length, Field(gt=0, le=2000)] = 100.0
     """How far off the shore what refloats begins again."""
 
@@ -190,7 +190,7 @@ class CaseTable(fields.Table):
     seed: fields.Count = 1
     """The number from which all chance of the run follows: the same case and seed give the same bits."""
     max_lost: fields.Share = 0.2
-    """The largest share of the probability that may be lost at the edges of the forcing; more is refused."""
+    """The largest share of the probability that may be lost at the edges of the forcing; more is rejected."""
     output: OutputTable = OutputTable()
     """When there are maps, of what areas, and on which grid."""
     clock: ClockTable = ClockTable()
@@ -210,22 +210,22 @@ class CaseTable(fields.Table):
     uncertainty: Uncertainty = UncertaintyTable()
     """How wrong winds and currents may be; `"none"` switches all of it off."""
     voyage: dict[str, VoyageTable] = Field(default_factory=dict)
-    """Voyages by name, `[voyage.passage]`, that several stories share: a phase says `voyage = "passage"`, or `voyage = { like = "passage",
+    """Voyages by name, `[voyage.passage]`, that several scenarios share: a phase says `voyage = "passage"`, or `voyage = { like = "passage",
     speed = "3 kn" }` where some of its keys are its own."""
     tracker: dict[str, TrackerTable] = Field(default_factory=dict)
-    """Who is sought or fled from, by name, `[tracker.patrol]`: a phase of `behaviour` says `tracker = "patrol"`."""
+    """Vessels that targets seek or flee from, by name, `[tracker.patrol]`: a phase of `behaviour` says `tracker = "patrol"`."""
     scenario: list[ScenarioTable] = Field(default_factory=list)
-    """Stories of one object, each with its weight; give these, families of them, or a `[spill]`."""
+    """Scenarios of one object, each with its weight; give these, families of them, or a `[spill]`."""
     family: list[FamilyTable] = Field(default_factory=list)
-    """Hundreds of stories in a few lines: the products of routes, speeds, times."""
+    """Hundreds of scenarios in a few lines: the products of routes, speeds, times."""
     spill: SpillTable | None = None
-    """Many objects from one cause."""
+    """Many objects released by one event."""
     find: list[FindTable] = Field(default_factory=list)
     """Objects of a spill that were found."""
     patrol: list[PatrolTable] = Field(default_factory=list)
     """Patrols that walked stretches of coast."""
     patrol_unit: list[PatrolUnitTable] = Field(default_factory=list)
-    """Who can walk the shore next: `drift plan` of a spill sends them."""
+    """Teams that can walk the shore next: `drift plan` of a spill sends them."""
     sortie: list[SortieTable] = Field(default_factory=list)
     """Searches that found nothing, or were flown."""
     contact: list[ContactTable] = Field(default_factory=list)
@@ -237,17 +237,17 @@ class CaseTable(fields.Table):
     presence: list[PresenceTable] = Field(default_factory=list)
     """A field that was watched over a time."""
     barrier: list[BarrierTable] = Field(default_factory=list)
-    """A line that was manned and reports who crosses it."""
+    """A line that was manned and reports targets that cross it."""
     line: list[LineTable] = Field(default_factory=list)
     """A line of which the first crossing is asked."""
     unit: list[UnitTable] = Field(default_factory=list)
-    """Who can search next: `drift plan` sends them."""
+    """Units that can search next: `drift plan` sends them."""
     tow: list[TowTable] = Field(default_factory=list)
     """Ships that tow arrays: `drift plan` places them."""
     plan: PlanTable = PlanTable()
     """The time and the aim of the next search."""
     resampling: ResamplingTable = ResamplingTable()
-    """How particles are drawn anew after searches."""
+    """How particles are resampled after searches."""
     expect: Expect = Expect()
     """Ranges of what the case expects at its end: `drift run` says whether it is so, and its exit status is 1 if not."""
 

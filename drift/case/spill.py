@@ -163,11 +163,11 @@ class SpillTable(fields.Table):
     current_bias: fields.CurrentError | None = None  # in place of uncertainty.current.bias
     """In place of `uncertainty.current.bias`: of each component in a world."""
     redraws: Annotated[fields.Count, Field(ge=0, le=20)] = 3
-    """How often worlds are drawn anew at most, where finds leave too few."""
+    """How often worlds are resampled at most, if finds leave too few effective ones."""
     stretches: StretchTable = StretchTable()
     """Into what the coast is divided."""
     reporting: ReportingTable = ReportingTable()
-    """How readily what lies ashore is reported."""
+    """The reporting rate of stranded objects."""
     bridges: list[Annotated[list[fields.Position], Field(min_length=2, max_length=2)]] = Field(default_factory=list)
     """Bridges, dams and fords that join land masses for patrols and names: pairs of positions, one on either side."""
 
@@ -190,7 +190,7 @@ class SpillTable(fields.Table):
         if hasattr(os, "sysconf"):
             most = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 400
             if particles > min(most, 2**31 - 1):
-                raise ValueError(f"worlds x per_world = {particles:,} particles; this machine has room for {most:,}")
+                raise ValueError(f"worlds x per_world = {particles:,} particles; this machine's memory holds {most:,}")
         return self
 
     def shares(self) -> list[float]:

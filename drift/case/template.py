@@ -8,7 +8,7 @@ from geo.errors import UserError
 STORIES = {
     "position": "adrift from a reported position",
     "passage": "overdue on passage: under way, then adrift, or late",
-    "spill": "many objects from one cause, and where they come ashore",
+    "spill": "many objects released by one event, and where they come ashore",
     "search": "sorties that found nothing, and units for the next search",
 }
 TRACKED = {"contact": "a contact that was lost: its track by the detections there are"}  # of drift track
@@ -18,7 +18,7 @@ def text(story: str) -> str:
     """Return the template of a story; raise UserError for one that there is none of."""
     if story not in STORIES | TRACKED:
         listed = ", ".join(f"{name} ({words})" for name, words in (STORIES | TRACKED).items())
-        raise UserError(f'no story "{story}"; there are: {listed}')
+        raise UserError(f'no template "{story}"; there are: {listed}')
     return resources.files("cases").joinpath("templates", f"{story}.toml").read_text(encoding="utf-8")
 
 

@@ -43,12 +43,12 @@ class Count:
 
     @property
     def words(self) -> str:
-        """In words: 4 of 100,000 particles count."""
+        """In words: 4 of 100,000 particles are effective."""
         number = max(round(self.number), 1)
         number = min(number, math.ceil(FEW[self.what]) - 1) if self.few else number
         many = f"{number:,} of {self.of:,} {self.what}" if self.of else f"{number:,} {self.what}"
         many = many if self.of or number > 1 else f"1 {self.what[:-1]}"
-        return f"{many} count{'s' if number == 1 else ''}"
+        return f"{many} {'is' if number == 1 else 'are'} effective"
 
 
 class Effective:
@@ -169,7 +169,7 @@ def parts(data: Any, time: int) -> list[str]:
             rough += [(f'of scenario "{name}"{_others(len(stories) - 1)}', sum(share for _, share, _ in stories), n)]
     for name, share, n in rough:
         sentences.append(
-            f"{sentence(Count(n), name, 'what is said of these alone is rough')} ({100 * share:.0f} % of the probability)"
+            f"{sentence(Count(n), name, 'figures of this part are rough')} ({100 * share:.0f} % of the probability)"
         )
     return sentences
 

@@ -30,7 +30,7 @@ def warnings(data: Any) -> list[str]:
         at = int(np.argmin(np.where(np.isfinite(wide), wide, np.inf)))
         texts.append(
             f"output.grid: its cells are too coarse for the particles at {notation.group(times[at])}{_others(coarse)}: "
-            f"areas are too large there; a spacing of a {np.ceil(1 / wide[at]):.0f}th would tell"
+            f"areas are too large there; a spacing of a {np.ceil(1 / wide[at]):.0f}th would suffice"
         )
     return texts
 

@@ -14,5 +14,5 @@ def percents(value: object) -> tuple[float, ...]:
         raise ValueError(f"{value!r} holds {len(value)} areas; must be 1 to {MOST} of them, each another")
     for share in shares:
         if not LEAST <= share <= LARGEST:
-            raise ValueError(f"{share:g} % is no area that particles can tell; must be {LEAST:g} to {LARGEST:g} %")
+            raise ValueError(f"{share:g} % is no area that particles can estimate; must be {LEAST:g} to {LARGEST:g} %")
     return shares

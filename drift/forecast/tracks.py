@@ -55,7 +55,7 @@ def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
                 {
                     "long_name": "particle's probability",
                     "units": "1",
-                    "comment": "where particles were drawn anew, tracks are those of the last ones' ancestors: as whole "
+                    "comment": "after resampling, tracks are those of the last particles' ancestors: as whole "
                     "tracks, given all that was seen, they count by the weight at the last time",
                 },
             ),

@@ -124,7 +124,7 @@ def run(
     replace them as `overwrite` does, once the new ones are complete. Raises UserError for all that the user can mend.
     """
     if resume and out is None:
-        raise UserError("resume = True: without out nothing is kept; give the folder of the results")
+        raise UserError("resume = True needs out: without an output folder there is nothing to resume from")
     job = opened(
         case,
         Options(
@@ -328,7 +328,7 @@ def made(job: Job, run: Ended) -> Result:
         summary |= posterior_tables.summary(posteriors)
     on = run_metadata.with_coast(run_metadata.setting(case, where, dataset.shown(forecast.data)))
     flown = updates.sorties if updates else ()
-    # What flows is kept, and not its sources: a dataset that was handed in is let go.
+    # Keep the sampled field, not the dataset it came from: one that was handed in is let go.
     flows = ambient.over(_of_likeliest(case, where), mapped.box(forecast.data), forecast.data["time"].values)
     over = (partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors), partial(_flows, flows))
     return Result(case, forecast, tracks, summary, on, over, after, updates, run.begun, posteriors, flows, member_told)
@@ -492,7 +492,7 @@ def origin(
     can mend.
     """
     if case.spill is None:
-        raise UserError(f"{case.path.name}: has no [spill]; an origin is told from the [[find]]s of a spill")
+        raise UserError(f"{case.path.name}: has no [spill]; an origin is estimated from the [[find]]s of a spill")
     job = opened(case, Options(out, datasets, threads, backend, overwrite, report))
     where = job.where
     assert where.coast is not None

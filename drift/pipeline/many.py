@@ -55,7 +55,7 @@ class Brief:
     def __repr__(self) -> str:
         """Return what it is, in a line."""
         told = (
-            f"refused: {self.error}" if self.error else f"{len(self.times)} outputs, {self.lon.shape[-1]:,} particles"
+            f"rejected: {self.error}" if self.error else f"{len(self.times)} outputs, {self.lon.shape[-1]:,} particles"
         )
         return f'<drift.Brief "{self.case.title}": {told}>'
 

@@ -29,7 +29,7 @@ from geo.files import digest
 from kernels.runtime import runtime
 
 LAND = {  # what land means to a target under way, in words
-    "refuse": "lanes, voyages and areas that touch land are refused",
+    "refuse": "lanes, voyages and areas that touch land are rejected",
     "stop": "what meets the shore under way runs aground there",
     "ignore": "ways lead over land",
 }
@@ -210,13 +210,13 @@ def behaviour(case: Case) -> str:
 
 def _strands(coast: Coast) -> str:
     if coast.behaviour == "slide":
-        return "slide: what reaches the shore goes on along it"
+        return "slide: particles that reach the shore move on along it"
     if coast.behaviour == "refloat":
         return (
-            f"refloat: what strands is afloat again with a half-life of {notation.number(coast.half_life / 3600)} h, once its drift "
+            f"refloat: stranded particles are afloat again with a half-life of {notation.number(coast.half_life / 3600)} h, once its drift "
             f"leads off the beach, {notation.number(coast.offing)} m off it"
         )
-    return "strand: what reaches the shore stays there for good"
+    return "strand: particles that reach the shore stay there"
 
 
 def input_file(path: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A job: a case that is being worked on, from its results' folder to its environment.
+"""A job: a case plus the opened forcing, output folder and run options.
 
 Every job begins in the same way: what can be refused at once is refused, then Taichi is started and the environment
 opened. Jobs of several threads of one program are done one after another, for Taichi compiles and launches for one

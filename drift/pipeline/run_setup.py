@@ -332,12 +332,12 @@ def is_searched(case: Case) -> bool:
 
 
 def is_told(case: Case) -> bool:
-    """Whether anything is told of a case that takes all its particles at once, besides their places."""
+    """Return True if any output needs a reduction over the whole ensemble."""
     return is_searched(case) or bool(case.sensors.lines) or is_believed(case) or is_standing(case)
 
 
 def is_standing(case: Case) -> bool:
-    """Whether it is told how a search stands by when objects went adrift."""
+    """Return True if search status is broken down by time adrift."""
     return not case.spill and bool(case.sorties or any(scenario.survival for scenario in case.scenarios))
 
 
@@ -346,8 +346,8 @@ def check_end(case: Case, where: Environment, begin: Setup, snapshots: Spool, un
 
     unsearched: log weights of that name, as if no sortie had been flown; None: those of the run.
 
-    What is lost is a matter of the motion: a good search that finds nothing leaves what it could not reach, and is not
-    to be refused for that.
+    A thorough unsuccessful search shifts weight to the unsearched area; that must not count as lost probability, so
+    only the motion is judged.
     """
     unit = weights.unit(unsearched, "unsearched") if unsearched else None
 

@@ -108,7 +108,7 @@ def _refusal(address: str, status: int, reason: str) -> Exception:
         )
     if status == 429 or status >= 500:
         return Passing(f'"{address}" failed ({status} {reason})')
-    return UserError(f'"{address}" refuses the question ({status} {reason})')
+    return UserError(f'"{address}" rejects the request ({status} {reason})')
 
 
 def _authorize(request: urllib.request.Request) -> None:

@@ -170,7 +170,7 @@ def _entries(request: Request, paths: dataset.Paths | memory.Held, files: list[t
 
 @contextmanager
 def _of_member(number: int, called: Sequence[str], by: str = "", name: str = "") -> Iterator[None]:
-    """Say in a refusal which member it is about."""
+    """Add the ensemble member's name to an error message."""
     try:
         yield
     except UserError as error:

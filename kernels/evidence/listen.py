@@ -304,7 +304,7 @@ def columns(n: int, factors: int) -> dict[str, np.ndarray]:
 
 
 def limits(tables: Tables) -> np.ndarray:
-    """Return how long a part of a stretch may be, and what the excess can be, float32 (2 rings + turns,).
+    """Return the longest integration sub-step and the largest possible signal excess, float32 (2 rings + turns,).
 
     For each ring, as far as one may go from between it and the next [m], in or out, so that losses change by no more than
     STEEP and are nowhere lower by more than HIDDEN than at both ends, on any

@@ -325,7 +325,7 @@ def _pass(
 ):
     """Write the log of a miss where a part of a bridge from a to b comes abeam of a leg for the first time.
 
-    A bridge comes abeam without number; of each leg its first pass counts, at the range that it has then. number: of the
+    A Brownian bridge crosses the abeam line infinitely often; only the first crossing on each leg is counted. number: of the
     leg; the rest is as in `piece`.
     """
     along_a = a[0] * course[first] + a[1] * course[first + 1]

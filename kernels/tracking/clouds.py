@@ -1,6 +1,6 @@
 """Clouds of particles that follow targets which are rarely seen: moved, cut by sweeps of sensors and filled again.
 
-A cloud is what one tracker knows of one target: at most `size` particles, those that count first, each as
+A cloud is one tracker's particle set for one target: at most `size` particles, those that count first, each as
 `kernels.tracking.follower` has it. A sweep that detected something keeps the particles in the box of the detection; one that found
 nothing keeps those outside the sensor's reach. What is left of too few is filled again by duplicates, by a new draw from
 the detection's box, or the track is lost.

@@ -24,7 +24,7 @@ def behaviour(more: str, head: str = PATROL) -> str:
 
 
 BAD = {
-    "nobody to seek": (behaviour(f"{ACTS}, seek = 0.2"), "phase 1.behaviour: tracker: is missing: whom does it seek or hide from?"),
+    "nobody to seek": (behaviour(f"{ACTS}, seek = 0.2"), "phase 1.behaviour: tracker: is missing: name the vessel to seek or hide from"),
     "a tracker that there is not": (
         behaviour(f'{ACTS}, hide = 0.2, tracker = "frigate"'),
         "phase 1.behaviour.tracker: no tracker 'frigate'; there are: [tracker.patrol]",
@@ -39,7 +39,7 @@ BAD = {
     "too fast at first": (behaviour(f'{ACTS}, speed = "40 kn"'), "speed: 40 kn is above fastest, 32 kn"),
     "no speed": (behaviour('acts = ["3 min", "15 min"]'), "phase 1.behaviour.fastest"),
     "a tracker without a place": (
-        behaviour(f"{ACTS}, seek = 0.1, tracker = {{ }}"), "phase 1.behaviour: tracker: nobody says where it is"
+        behaviour(f"{ACTS}, seek = 0.1, tracker = {{ }}"), "phase 1.behaviour: tracker: it has no position"
     ),
     "a tracker of two ways": (
         behaviour(f'{ACTS}, seek = 0.1, tracker = {{ at = [1, 2], track = "own.gpx" }}'), "at and track are both given; give one"

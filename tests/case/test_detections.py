@@ -125,7 +125,7 @@ def test_detections_in_the_case_are_those_of_a_file(tmp_path: File) -> None:
         ('"9.2 nmi"', '"9.2"', 'detection 1.range: range 9.2 has no unit; write it like "9.2 nmi"'),
         ('"9.2 nmi"', '"49.676 nmi"', "detection 1: range 49.68 nmi is beyond the reach of radar, 18 nmi"),
         ("bearing = 350", "course = 350", 'detection 2: unknown key "course"'),
-        ('lat = "14 00.0N"\nlon = "077 00.0W"\n', "", "detection: nobody says where the tracker was at the first"),
+        ('lat = "14 00.0N"\nlon = "077 00.0W"\n', "", "detection: the tracker has no position at the first"),
     ],
 )  # fmt: skip
 def test_mistakes_of_detections_in_the_case_are_lines(tmp_path: File, old: str, new: str, words: str) -> None:
@@ -179,7 +179,7 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
     ("case", "rows", "words"),
     [
         (CASE + STANDS, PLAIN.replace("+9", "+0.5"), "line 3: time 2026-03-05T00:00:30Z is before that of the one above; put them in order"),
-        (CASE, PLAIN, "tracker: nobody says where it is; give at with legs, track (a GPX file), or lat and lon"),
+        (CASE, PLAIN, "tracker: it has no position; give at with legs, track (a GPX file), or lat and lon"),
         (CASE + STANDS, PLAIN.replace("43,9.6", "43,9.6,1"), "line 3: as many values as names are needed"),
         (CASE + STANDS, PLAIN.replace("radar,43", "sonar,43"), 'line 3: no [[sensor]] "sonar"; there are radar, ears'),
         (CASE + STANDS, PLAIN.replace("9.6", "25"), "line 3: range 25 nmi is beyond the reach of radar, 18 nmi"),
@@ -188,7 +188,7 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
         (CASE + STANDS, PLAIN.replace("9.6", "0"), "line 3: range: range 0.0 nmi must be above 0"),
         (CASE + STANDS, PLAIN.replace("radar,43", ",43"), "line 3: a bearing or a range, and no sensor; there are radar, ears"),
         (CASE + STANDS, PLAIN.replace("43,9.6", ","), "line 3: neither a bearing nor a range: a line with a sensor is a detection"),
-        (CASE, ROWS + "+50 min, radar, 12, 8, ,\n", "nobody says where the tracker was at the detection of 050050ZMAR26"),
+        (CASE, ROWS + "+50 min, radar, 12, 8, ,\n", "the tracker has no position at the detection of 050050ZMAR26"),
         (CASE, ROWS + "2026-03-05T00:40:30Z, , , , 14.16, -76.9\n", "line 6: the tracker is at two places at 2026-03-05T00:40:30Z; the other stands above"),
         (CASE + STANDS, PLAIN.replace("+9", "+99"), "line 3: time 2026-03-05T01:39:00Z is not within the case, 2026-03-05T00:00:00Z to 2026-03-05T01:00:00Z: change start or duration"),
         (CASE + STANDS, PLAIN.replace("bearing", "baering"), "unknown column baering (did you mean bearing?); allowed"),
@@ -206,7 +206,7 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
         (CASE + STANDS, PLAIN.replace("9.6", "9,6"), "4: time, sensor, bearing, range; write decimals with points, or part columns by semicolons"),
         (CASE + STANDS, "PK\x03\x04 and more", "d.csv: is a spreadsheet; save it as CSV"),
         (CASE + STANDS, PLAIN.replace("9.6", "far"), "line 3: range: "),
-        (CASE, ROWS.replace("14 00.0N, 077 00.0W", ","), "nobody says where the tracker was at the first"),
+        (CASE, ROWS.replace("14 00.0N, 077 00.0W", ","), "the tracker has no position at the first"),
         (CASE, ROWS.replace("14 03.1N", "17 03.1N"), "from 2026-03-05T00:01:00Z to 2026-03-05T00:10:00Z the tracker would make 1,222 kn; allowed are 292"),
         (CASE, ROWS.replace("-76.93", ""), "line 4: lat and lon go together"),
         (CASE + STANDS, ROWS, "the detections say where it was (lat, lon); leave at"),

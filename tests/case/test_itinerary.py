@@ -76,7 +76,7 @@ BAD = {
     ),
     "a bridge between antipodes": (
         STORY + bridge('time = "+2 h"', 'time = "+50 h"').replace("[-31.4, 46.3]", "[151.2, -45.3]"),
-        'scenario "one".phase 1.bridge: way points 1 and 2 are 179 degrees apart: the way between them is hardly told',
+        'scenario "one".phase 1.bridge: way points 1 and 2 are 179 degrees apart: the track between them is hardly known',
     ),
     "a distress at a rate a second": (
         STORY + "object = 'water'\ndistress = { rate = 0.02 }\n" + VOYAGE.format('departure = "+1 h"') + STILL,

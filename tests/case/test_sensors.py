@@ -106,7 +106,7 @@ WRONG = {
     ),
     "an unknown law": (
         LOOK + BOX + 'law = "cookie_cuter"\n',
-        'look "dip".law: no law of detection \'cookie_cuter\'; did you mean "cookie_cutter"? Allowed: "cookie_cutter", '
+        'look "dip".law: no detection function \'cookie_cuter\'; did you mean "cookie_cutter"? Allowed: "cookie_cutter", '
         "{ linear = 0.95 }, { exponential = 2 }, { table = [[0, 0.9], [1, 0.4]] }",
     ),
     "alpha above 1": (
@@ -139,7 +139,7 @@ WRONG = {
     ),
     "nothing but false alarms": (
         LOOK + BOX + "false_alarms = 1\n",
-        'look "dip": false_alarms 1 sees something everywhere and so tells nothing; leave the look out',
+        'look "dip": false_alarms 1 sees something everywhere and so is no evidence; leave the look out',
     ),
     "a presence that ends before it starts": (
         PRESENCE + 'start = "+8 h"\nend = "+6 h"\n',

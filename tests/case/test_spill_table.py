@@ -279,7 +279,7 @@ SPILLS = {
     "endless objects": ("objects = 20", "objects = inf", "not a whole number"),
     "objects from high to low": ("objects = 20", "objects = [30, 10]", "[lowest, highest]"),
     "too few worlds": ("worlds = 60", "worlds = 10", "worlds 10: must be at least 50"),
-    "too many worlds": ("worlds = 60", "worlds = 1000000000", "this machine has room for"),
+    "too many worlds": ("worlds = 60", "worlds = 1000000000", "this machine's memory holds"),
     "too few particles": ("per_world = 40", "per_world = 5", "per_world 5: must be at least 10"),
     "negative release_duration": ('"1 h"', '"-1 h"', "0 to 366 d"),
     "endless release_duration": ('"1 h"', "inf", "not finite"),

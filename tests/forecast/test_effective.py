@@ -37,7 +37,7 @@ WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a pi
 
 N = 100_000
 BEGIN = np.datetime64("2026-11-21T18:30:00")
-BANNER = "ONLY 4 OF 100,000 PARTICLES COUNT"
+BANNER = "ONLY 4 OF 100,000 PARTICLES ARE EFFECTIVE"
 
 
 @pytest.fixture
@@ -98,13 +98,13 @@ def test_numbers_are_kongs_and_families_count_once():
 @pytest.mark.parametrize(
     ("count", "few", "text"),
     [
-        (Count(199.99, 1000), True, "199 of 1,000 particles count"),
-        (Count(200.0, 1000), False, "200 of 1,000 particles count"),
-        (Count(1.0, 1000), True, "1 of 1,000 particles counts"),
-        (Count(1.4), True, "1 particle counts"),
-        (Count(0.0, 5), False, "1 of 5 particles counts"),  # nothing is on the map: it has no areas to doubt
-        (Count(50 - 1e-9, 50, "worlds"), False, "50 of 50 worlds count"),
-        (Count(12.7, 2000, "worlds"), True, "13 of 2,000 worlds count"),
+        (Count(199.99, 1000), True, "199 of 1,000 particles are effective"),
+        (Count(200.0, 1000), False, "200 of 1,000 particles are effective"),
+        (Count(1.0, 1000), True, "1 of 1,000 particles is effective"),
+        (Count(1.4), True, "1 particle is effective"),
+        (Count(0.0, 5), False, "1 of 5 particles is effective"),  # nothing is on the map: it has no areas to doubt
+        (Count(50 - 1e-9, 50, "worlds"), False, "50 of 50 worlds are effective"),
+        (Count(12.7, 2000, "worlds"), True, "13 of 2,000 worlds are effective"),
     ],
 )
 def test_one_threshold_for_particles_and_one_for_worlds(count, few, text):
@@ -125,7 +125,9 @@ def test_pictures_say_that_few_count_and_when(tmp_path, forecast, words):
     words.clear()
     forecast_map.draw_snapshots(forecast, tmp_path / "snapshots.png", setting)
     assert f"{BANNER} at 220030ZNOV26: areas are rough" in words
-    assert sum("only 4 of 100,000 particles count" in text for text in words) == 1  # on the panel of that time alone
+    assert (
+        sum("only 4 of 100,000 particles are effective" in text for text in words) == 1
+    )  # on the panel of that time alone
 
 
 def test_banners_keep_clear_of_all_other_words(tmp_path, forecast, monkeypatch):
@@ -162,7 +164,7 @@ def test_files_carry_the_number_and_few_are_warned_of(forecast):
     assert {round(f["properties"]["effective_particles"]) for f in features["features"]} == {N, 4}
     assert tables.numbers(forecast)["outputs"][1]["effective_particles"] == pytest.approx(4, rel=1e-6)
     told = effective.of_run(data, N)
-    assert told == ["only 4 of 100,000 particles count at 220030ZNOV26: areas and shares are rough"]
+    assert told == ["only 4 of 100,000 particles are effective at 220030ZNOV26: areas and shares are rough"]
     assert effective.of_run(data.isel(time=[0]), N) == []
 
 
@@ -185,9 +187,9 @@ def test_a_spill_stands_on_its_worlds(tmp_path, words):
     assert made.data["effective_worlds"].item() == pytest.approx(own(share), rel=1e-9)
     assert made.data["effective_particles"].item() > 200
     assert tables.numbers(made)["outputs"][0]["effective_worlds"] == pytest.approx(own(share), rel=1e-9)
-    assert effective.of_run(made.data, n)[0].startswith("only 3 of 100 worlds count at 211830ZNOV26: ")
+    assert effective.of_run(made.data, n)[0].startswith("only 3 of 100 worlds are effective at 211830ZNOV26: ")
     forecast_map.draw_map(made, tmp_path / "map.png", Setting(Imprint("t"), particles=n))
-    assert "ONLY 3 OF 100 WORLDS COUNT: the areas are rough" in words
+    assert "ONLY 3 OF 100 WORLDS ARE EFFECTIVE: the areas are rough" in words
 
 
 def test_a_part_that_stands_on_few_is_told():
@@ -203,8 +205,8 @@ def test_a_part_that_stands_on_few_is_told():
     assert own(weight) > 200
     told = effective.of_run(made.data, n)
     assert told == [
-        "only 20 particles count of those ashore: what is said of these alone is rough (10 % of the probability)",
-        'only 50 particles count of scenario "second": what is said of these alone is rough (20 % of the probability)',
+        "only 20 particles are effective of those ashore: figures of this part are rough (10 % of the probability)",
+        'only 50 particles are effective of scenario "second": figures of this part are rough (20 % of the probability)',
     ]
     row = next(csv.DictReader(io.StringIO(tables.ashore(made, "run"))))
     assert float(row["effective_particles"]) == pytest.approx(20)
@@ -221,7 +223,7 @@ def test_stories_that_stand_on_few_are_one_line():
     one = snapshot(lon, lat, weight, 0, np.zeros(n, np.int32), scenario)
     made = forecast_build.build([one], scenarios=["a", "b", "c", "d"])
     assert effective.of_run(made.data, n) == [
-        'only 50 particles count of scenario "b", and few of 2 others: what is said of these alone is rough (60 % of the '
+        'only 50 particles are effective of scenario "b", and few of 2 others: figures of this part are rough (60 % of the '
         "probability)"
     ]
 
@@ -292,7 +294,7 @@ def test_a_place_just_beyond_the_frame_is_shown_and_one_far_off_is_told(tmp_path
 def test_a_plan_made_or_scored_on_few_says_so_everywhere(tmp_path, words):
     forecast = searches.search()[0]
     plan = replace(searches.plan(), made_on=Count(2500.0, 20_000), scored_on=Count(6.25, 100_000))
-    told = "only 6 of 100,000 particles count of those that it was scored on: its POS is rough"
+    told = "only 6 of 100,000 particles are effective of those that it was scored on: its POS is rough"
     assert plan_text.rough(plan) == [told]
     assert f"WARNING: {told}" in " ".join(plan_text.text(plan, "T", "run").split())
     made = plan_files.numbers(plan)
@@ -305,7 +307,7 @@ def test_a_plan_made_or_scored_on_few_says_so_everywhere(tmp_path, words):
         f["properties"]["effective_particles_scored_on"] == 6.25 for f in plan_files.geojson(plan, {})["features"]
     )
     plan_map.draw(forecast, plan, tmp_path / "plan.png", Setting(Imprint("t")))
-    assert "ONLY 6 OF 100,000 PARTICLES COUNT: areas and POS are rough" in words
+    assert "ONLY 6 OF 100,000 PARTICLES ARE EFFECTIVE: areas and POS are rough" in words
     words.clear()
     sure = replace(plan, scored_on=Count(60_000.0, 100_000))
     assert plan_text.rough(sure) == plan_files.numbers(sure)["warnings"] == []
@@ -320,14 +322,14 @@ def test_the_evidence_says_after_what_few_are_left(tmp_path, words):
     assert not any("ONLY" in text for text in words)
     low = [replace(u, ess_after=7.9) if k == 2 else u for k, u in enumerate(updates.all)]
     evidence_map.draw(replace(updates, all=tuple(low)), tmp_path / "few.png", setting)
-    assert "ONLY 8 OF 12,000 PARTICLES COUNT: shares, evidence and POS are rough" in words
-    assert sum(text.endswith(", 8 particles count") for text in words) == 1
+    assert "ONLY 8 OF 12,000 PARTICLES ARE EFFECTIVE: shares, evidence and POS are rough" in words
+    assert sum(text.endswith(", 8 particles are effective") for text in words) == 1
     told = particles_left.of_run(searches.search()[0].data, 12_000, replace(updates, all=tuple(low)))
     named = f'{low[2].kind} "{low[2].name}"'
     before = f"{low[2].ess_before:,.0f}"
     # 200 that count, of 7.9 in 12,000: 303,797
     assert told[0].startswith(
-        f"only 8 of 12,000 particles count after {named} ({before} before it): areas and shares after it are rough. Check it; otherwise "
+        f"only 8 of 12,000 particles are effective after {named} ({before} before it): areas and shares after it are rough. Check it; otherwise "
         "use 310,000 particles or more"
     )
 
@@ -368,7 +370,7 @@ def test_copies_do_not_make_a_run_look_sure(tmp_path):
         assert counted[-1] == pytest.approx(update.ess_after, rel=0.5)
         warning = data.attrs["warning"]
     many = round(update.ess_after)
-    told = f'only {many} of 3,000 particles count after contact "radar" (3,000 before it): areas and shares after it are rough'
+    told = f'only {many} of 3,000 particles are effective after contact "radar" (3,000 before it): areas and shares after it are rough'
     assert warning.startswith(told)
     summary = json.loads(Path(tmp_path / "out" / "summary.json").read_text())
     assert summary["warnings"][0].startswith(told)

@@ -32,7 +32,7 @@ object = "LIFE-RAFT-DB-11"
 position = { at = [10.0, 40.0], error = "3 nmi" }
 """
 SIZES = (5_000, 200_000, 20_000, 100_000, 50_000)  # particles of the runs, in turn
-A_PARTICLE = 96  # [bytes] of its columns (README)
+A_PARTICLE = 96  # [bytes] of its columns (docs/performance.md)
 
 
 class Told(nbclient.NotebookClient):  # type: ignore[misc, name-defined] - nbclient's own way to see messages

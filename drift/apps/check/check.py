@@ -142,7 +142,7 @@ def _scenario(scenario: Scenario, dry: float) -> str:
     if scenario.object.lull > 0 and (own is None or own.distress is not None):
         text += f"; leads upwind in winds below {scenario.object.lull:.1f} m/s"
     if dry > 0:
-        text += f"; {notation.percent(dry)} of its prior is on land and left out"
+        text += f"; {notation.percent(dry)} of its starting positions are on land and ignored"
     if scenario.survival is not None:
         text += f"; alive: {alive.basis(scenario)}"
     return text
@@ -253,7 +253,7 @@ def _named_sensor(sensor: Sensor) -> str:
 def _sensor(what: Look | Presence | Barrier | Line) -> str:
     """Return what a sensor was, when it looked on, and what it said."""
     if isinstance(what, Line):
-        return f"{len(what.points)} points; its first crossing is told"
+        return f"{len(what.points)} points; its first crossing is reported"
     if isinstance(what, Look):
         sees = "something" if what.positive else "nothing"
         if what.field is None:

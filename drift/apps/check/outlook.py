@@ -19,7 +19,7 @@ from geo import notation
 from geo.forcing.reading import stream
 from geo.forcing.sources import Source
 
-PACE = 8e6  # particle-steps a second of two cores, with errors, diffusion and the coast (README, "Speed")
+PACE = 8e6  # particle-steps a second of two cores, with errors, diffusion and the coast (docs/performance.md)
 LONG = 600.0  # [s] of work from which a caution is given
 FOLLOWED = 2_000  # particles that are moved to the end by a coarse step
 MOST_STEPS, FEWEST_STEPS = 60, 8  # that those particles take

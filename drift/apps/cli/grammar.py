@@ -113,8 +113,8 @@ def parser() -> Parser:
     _add_output(cases, quiet=False)
 
     new = commands.add_parser("new", help="write a commented case to begin with")
-    new.add_argument("story", metavar="STORY", help="position, passage, spill, search or contact")
-    new.add_argument("file", type=Path, nargs="?", metavar="FILE", help="a new file (default: STORY.toml)")
+    new.add_argument("story", metavar="TEMPLATE", help="position, passage, spill, search or contact")
+    new.add_argument("file", type=Path, nargs="?", metavar="FILE", help="a new file (default: TEMPLATE.toml)")
     _add_output(new)
 
     objects = commands.add_parser("objects", help="list leeway classes, or search them")
@@ -148,7 +148,7 @@ def _add_drifters(command: argparse.ArgumentParser) -> None:
         default="",
         metavar="KEY=COLUMN,..",
         help="forcing along the tracks, in place of the case's: current_east=u,current_north=v, and "
-        f"{', '.join(f'{quantity}_' for quantity in QUANTITIES if quantity != 'current')} alike",
+        f"{', '.join(f'{quantity}_' for quantity in QUANTITIES if quantity != 'current')} likewise",
     )
     command.add_argument(
         "--max-gap", default="3 h", metavar="TIME", help="longest time between fixes that is spanned (default: 3 h)"

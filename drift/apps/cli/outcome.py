@@ -131,7 +131,7 @@ def _members(told: dict[str, Any]) -> str:
         return f"{told['number']}, all as likely"
     first = sorted(weights, key=lambda name: -weights[name])[:3]
     likeliest = ", ".join(f"{name} {notation.percent(weights[name])}" for name in first)
-    return f"{told['number']}, of which {told['effective']:.1f} count after all that was seen; likeliest {likeliest}"
+    return f"{told['number']}, of which {told['effective']:.1f} are effective after all observations; likeliest {likeliest}"
 
 
 def _stories(stories: dict[str, Any]) -> Facts:
@@ -147,7 +147,9 @@ def _stories(stories: dict[str, Any]) -> Facts:
             else []
         )
         if story["prior_on_land"] > 0:
-            remarks.append(f"{notation.percent(story['prior_on_land'])} of its prior was on land and left out")
+            remarks.append(
+                f"{notation.percent(story['prior_on_land'])} of its starting positions were on land and ignored"
+            )
         if remarks:
             facts[f'scenario "{name}"'] = "; ".join(remarks)
     if shown.rest:
@@ -167,10 +169,10 @@ def _by_axis(told: dict[str, Any]) -> Facts:
             f"{label} {notation.percent(values[label]['posterior'])} (before: {notation.percent(values[label]['prior'])})"
             for label in first
         ]
-        facts[f"stories by {axis}"] = ", ".join(parts)
+        facts[f"scenarios by {axis}"] = ", ".join(parts)
     if facts:
         before, now = (told["effective"][key] for key in ("prior", "posterior"))
-        facts["stories that count"] = f"{now:.3g} of {told['number']:,} (before: {before:.3g})"
+        facts["effective scenarios"] = f"{now:.3g} of {told['number']:,} (before: {before:.3g})"
     return facts
 
 
@@ -273,7 +275,7 @@ def _search(numbers: dict[str, Any]) -> Facts:
 def _filled(update: Mapping[str, Any]) -> str:
     """Return what became of the particles after a contact or silence, where they are placed anew at contacts."""
     if update["filled"] == "contact":
-        return f"; placed anew, of which {update['ess_resampled']:,.0f} count"
+        return f"; repopulated, {update['ess_resampled']:,.0f} of them effective"
     return "; the track is lost" if update["filled"] == "lost" else ""
 
 
@@ -305,21 +307,21 @@ def spill(numbers: dict[str, Any]) -> Facts:
             for place in dense
         )
     for find in washup["finds"]:
-        odd = "; ODD, check it" if find["odd"] else ""
+        unlikely = "unlikely: check it, or set false = 0.1" if find["odd"] else "not unusual"
         facts[f'find {find["number"]} "{find["name"]}"'] = (
-            f"{find['stretch']}: probability of the next find here {notation.percent(find['probability_beforehand'])}, "
-            f"at places at most as likely {notation.percent(find['tail'])}; {verdict.ours(find)}{odd}"
+            f"{find['stretch']}: chance of a find here was {notation.percent(find['probability_beforehand'])}, "
+            f"{unlikely} ({notation.percent(find['tail'])} at places at most as likely); {verdict.ours(find)}"
         )
     if washup["silence"]:
-        facts["taken for granted"] = washup["silence"]
+        facts["assumed"] = washup["silence"]
     for patrol in washup["patrols"]:
         facts[f'patrol "{patrol["name"]}"'] = (
             f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km of shoreline, finds "
             f"{patrol['detection']:.0%}"
         )
-    counted = f"{washup['effective_worlds']:,.0f} of {washup['worlds']:,} count"
+    counted = f"{washup['effective_worlds']:,.0f} of {washup['worlds']:,} are effective"
     rounds = len(washup["effective_worlds_by_round"])
-    facts["worlds"] = counted + (f", drawn anew {rounds - 1} times about what the finds leave" if rounds > 1 else "")
+    facts["worlds"] = counted + (f", resampled {rounds - 1} times around the finds" if rounds > 1 else "")
     facts["errors"] = numbers["uncertainty"]["told"]
     facts |= _coast(numbers)
     facts |= _warnings(numbers["warnings"])
@@ -341,8 +343,7 @@ def _number(figure: dict[str, float]) -> str:
     span = f"{low:.0f} to {high:.0f} objects" if high > low else f"{low:.0f} object{'s' * (low != 1)}"
     if low == high and abs(mean - low) < 1e-9:
         return span
-    error = f"Monte Carlo error of that mean {figure['standard_error']:.2g}"
-    return f"{span} (10 to 90 %), {mean:.1f} on average ({error})"
+    return f"{span} (10 to 90 %), mean {mean:.1f} +- {figure['standard_error']:.2g} (sampling)"
 
 
 def origin(release: dict[str, Any], warnings: Sequence[str] = ()) -> Facts:

@@ -194,9 +194,9 @@ def _patrols(run: Finished) -> Iterator[Place]:
 def _finds(run: Finished) -> Iterator[Place]:
     """Yield each find of a spill, from its time on."""
     for row in run.rows("finds.csv"):
-        odd = "ODD, check it: " if row["odd"] == "yes" else ""
+        odd = "UNLIKELY, check it: " if row["odd"] == "yes" else ""
         words = (
-            f"{odd}{row['name']}, {row['position']}, {row['stretch']}, {row['class'] or 'class unknown'}, by {row['by']}; probability of the next find there "
+            f"{odd}{row['name']}, {row['position']}, {row['stretch']}, {row['class'] or 'class unknown'}, by {row['by']}; chance of a find there "
             f"{notation.percent(float(row['probability_beforehand']))}, at places at most as likely {notation.percent(float(row['tail']))}; not from this spill: "
             f"{notation.percent(float(row['none_of_ours']))}"
         )

@@ -81,7 +81,9 @@ def kept(folder: Path) -> Iterator[dict[str, str]]:
         ) from None
     with hidden.alone(folder, 0.0) as free:
         if not free:
-            raise UserError("another drift fetch is at work on this very order; wait for it, or end it")
+            raise UserError(
+                "another `drift fetch` is already downloading this request; wait for it to finish or stop it"
+            )
         yield _verified(folder)
 
 
@@ -189,7 +191,7 @@ def _refuse_full(folder: Path, size: float) -> None:
 
 def _full(folder: Path, done: int, of: int) -> UserError:
     return UserError(
-        f"disk full: {folder.parent} has no room for more; {done} of {of} parts are kept, and the same command goes on "
+        f"disk full: {folder.parent} has no space left; {done} of {of} parts are kept, and the same command goes on "
         "from there"
     )
 

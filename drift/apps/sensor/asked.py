@@ -121,7 +121,7 @@ def _place(
     grid = sensor.sees
     if isinstance(grid, PodGrid) and grid.lon is not None and grid.lat is not None:
         said.append(
-            ("place", "the middle of what its table sees, from which ranges are told: it has no place of its own")
+            ("place", "the middle of what its table sees, from which ranges are measured: it has no place of its own")
         )
         return _middle(grid, when), toward or 0.0
     raise UserError(f'where is sensor "{sensor.name}"? Neither its table (at) nor one sortie says; give --at')

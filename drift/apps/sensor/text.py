@@ -25,7 +25,7 @@ def facts(found: Reach) -> dict[str, str]:
         order = reaching.order(found)
         first, last = int(order[0]), int(order[-1])
         if alike(found):
-            told["bearings"] = "all alike"
+            told["bearings"] = "all equal"
         else:
             told["best bearing"] = f"{first:03d}, to {miles(found.farthest[first])}"
             told["worst bearing"] = f"{last:03d}, to {miles(found.farthest[last])}"

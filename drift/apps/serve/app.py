@@ -77,7 +77,7 @@ class Desk:
         return JSONResponse({"name": name, "text": text, "digest": digest})
 
     async def copied(self, request: Request) -> Response:
-        """Lay a copy of a story, or of a case that ships with the project, into the folder, under a free name."""
+        """Lay a copy of a template, or of a case that ships with the project, into the folder, under a free name."""
         name = request.path_params["name"]
         if name not in _shipped():
             return _refusal(404, "no such case")

@@ -1,4 +1,4 @@
-"""What is handed out of a contact that was lost: its track, its areas and a picture."""
+"""Output files for `drift track`: the estimated track, containment areas and a map."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -258,7 +258,7 @@ def _chase(axes: Axes, frame: Frame, found: Regained, chased: Chased) -> list[tu
     anew = list(chased.found.plans)
     (plans,) = axes.plot(x[anew], y[anew], "o", color=PATH, markersize=5.5, zorder=12)
     about = f"path to {chase.aim} it, looks every {notation.number(chase.interval / 60)} min\nto {notation.number(chase.reach / NMI)} nmi"
-    symbols: list[tuple[Any, str]] = [((line, spots), about), (plans, "planned, or planned anew")]
+    symbols: list[tuple[Any, str]] = [((line, spots), about), (plans, "planned, or planned again")]
     if chase.to is not None:
         (goal,) = axes.plot(
             *frame.project(*np.degrees(np.array(chase.to))[:, None]), "*", color=PATH, markersize=13, zorder=13

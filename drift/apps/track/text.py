@@ -38,7 +38,7 @@ def facts(found: Regained) -> dict[str, str]:
     if silenced := [loss for loss in held.lost if loss.sensors]:
         told["lost"] = _lost(found, silenced)
     if held.anew.any():
-        told["drawn anew"] = _anew(found)
+        told["repopulated"] = _anew(found)
     warnings = _warnings(found)
     return {**told, "warning": "; ".join(warnings)} if warnings else told
 
@@ -75,8 +75,8 @@ def _anew(found: Regained) -> str:
         for time, left in zip(held.time[held.anew], held.left[held.anew], strict=True)
     )
     return (
-        f"from the box of what was detected at {each}, as fewer than bulk, {notation.hundredths(filling.bulk)} % of the particles, were in it: {'all' if filling.method == 'position' else 'half'} "
-        "of what is drawn takes any course, whatever was told before; a lower bulk and more particles keep what was in the box"
+        f"at {each}, because fewer than bulk, {notation.hundredths(filling.bulk)} % of the particles, matched the detection: {'all' if filling.method == 'position' else 'half'} "
+        "of the new particles take any course; a lower bulk and more particles keep those that matched"
     )
 
 
@@ -153,16 +153,16 @@ def _path(found: Regained, chased: Chased) -> str:
     own, other = chased.found.met[-1], chased.judged[-1]
     near = f"within {notation.number(chase.reach / NMI)} nmi"
     if chase.to is None:
-        words = f"by {until} {notation.short_percent(own)} of the cloud {near} (of {notation.short_percent(chased.found.near)} that come where it could be)"
+        words = f"by {until} {notation.short_percent(own)} of the particles {near} (at most {notation.short_percent(chased.found.near)} are reachable)"
     else:
-        words = f"at {notation.position(*np.degrees(chase.to))} at {until}, {notation.short_percent(own)} of the cloud {near} on the way"
+        words = f"at {notation.position(*np.degrees(chase.to))} at {until}, {notation.short_percent(own)} of the particles {near} on the way"
     words += (
         ", another cloud has lost the track"
         if np.isnan(other)
-        else f", of another, on which it was not planned, {notation.short_percent(other)}"
+        else f"; {notation.short_percent(other)} on a check cloud"
     )
     anew = [notation.group(moment(found, chase.times[step])) for step in chased.found.plans[1:]]
-    return words + (f"; planned anew at {', '.join(anew)}" if anew else "")
+    return words + (f"; planned again at {', '.join(anew)}" if anew else "")
 
 
 def sizes(regions: Mapping[float, Region], spread: Mapping[float, tuple[float, float]] | None = None) -> str:

@@ -53,17 +53,17 @@ def _unlike(a: Case, b: Case) -> list[str]:
         ways = {1: "forward", -1: "backward"}
         return [f"it runs {ways[b.direction]}, and {a.path.name} {ways[a.direction]}"]
     reasons = [
-        f"it {verb} at {notation.group(theirs)}, and {a.path.name} at {notation.group(own)}; make {key} alike"
+        f"it {verb} at {notation.group(theirs)}, and {a.path.name} at {notation.group(own)}; make {key} equal"
         for verb, key, own, theirs in (("begins", "start", a.start, b.start), ("ends", "duration", a.end, b.end))
         if own != theirs
     ]
     if a.areas != b.areas:
         own, theirs = (", ".join(notation.hundredths(share) for share in case.areas) for case in (a, b))
-        reasons.append(f"its areas are {theirs} %, those of {a.path.name} {own} %; make output.areas alike")
+        reasons.append(f"its areas are {theirs} %, those of {a.path.name} {own} %; make output.areas equal")
     if not reasons and (odd := _odd_outputs(a, b)):
         reasons.append(
             f"only one of it and {a.path.name} has an output at {notation.group(odd[0])}"
-            f"{f' and at {len(odd) - 1} other times' if odd[1:] else ''}; make output.every or output.times alike"
+            f"{f' and at {len(odd) - 1} other times' if odd[1:] else ''}; make output.every or output.times equal"
         )
     return reasons
 
@@ -96,7 +96,7 @@ def _unheld(a: Case, b: Case) -> list[str]:
         ]
     rules = [(case.resampling.below > 0, case.resampling.method) for case in (a, b)]
     if rules[0] != rules[1] and "kahn" in {method for below, method in rules if below}:
-        return ['resampling.method "kahn" holds slots to spare, and only one of them has it; make [resampling] alike']
+        return ['resampling.method "kahn" holds slots to spare, and only one of them has it; make [resampling] equal']
     return []
 
 

@@ -1,4 +1,4 @@
-"""An experiment from the question to the files: `drift experiment`."""
+"""Run an experiment and write its results: `drift experiment`."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence

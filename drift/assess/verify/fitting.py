@@ -44,7 +44,7 @@ VAGUE = 0.7  # with this standard error of its logarithm, or a larger one, a par
 STEP = 0.05  # step of a logarithm for second derivatives
 SLOPE = 1e-5  # step of a logarithm for first derivatives
 LIMIT = 0.5 * float(stats.chi2.ppf(0.90, 1))  # log likelihood below the best at a one-sided limit of 95 %
-ONE_WIND = "windage is not told: in a wind that is always the same, or none, it cannot be told from the mean error"
+ONE_WIND = "windage is not determined: in a wind that is always the same, or none, it cannot be distinguished from the mean error"
 LAGS = np.array([1.0, 3.0, 6.0, 12.0, 24.0, 48.0])  # [h]
 
 

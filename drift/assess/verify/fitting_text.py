@@ -30,7 +30,7 @@ def facts(fit: Fit) -> Facts:
     for name in NAMES:
         label, unit, scale = WORDS[name]
         if name == "bias" and not many:
-            lines[label] = "not told by one drifter: its bias and the mean error are one"
+            lines[label] = "not determined by one drifter: its bias and the mean error are one"
         else:
             lines[label] = _parameter(fit.parameters[name], unit, scale)
     for label, value, error in zip(("east", "north"), fit.mean, fit.mean_error, strict=True):
@@ -39,9 +39,9 @@ def facts(fit: Fit) -> Facts:
         lines["windage (down-wind slope)"] = f"{100 * fit.windage:.2f} ± {100 * fit.windage_error:.2f} % of the wind"
     for lag, data, error, law in fit.correlation:
         within = f" ± {error:.2f}" if math.isfinite(error) else ""
-        lines[f"correlation of errors after {lag:g} h"] = f"{data:.2f}{within}, of the fitted law {law:.2f}"
+        lines[f"correlation of errors after {lag:g} h"] = f"{data:.2f}{within}, of the fitted model {law:.2f}"
     if misfits := [f"{lag:g}" for lag, data, _, law in fit.correlation if abs(data - law) > MISFIT]:
-        lines["the law does not fit"] = (
+        lines["the model does not fit"] = (
             f"errors {', '.join(misfits)} h apart are correlated otherwise than by any decay: tides or inertial "
             "motion, which a model is to bring; areas are then too small or too large at such times"
         )
@@ -74,8 +74,8 @@ def _parameter(parameter: Parameter, unit: str, scale: float) -> str:
         low, high = (parameter.value * math.exp(sign * 2 * parameter.error) / scale for sign in (-1, 1))
         return f"{parameter.value / scale:.3g} {unit} (95 %: {low:.3g} to {high:.3g})"
     if math.isfinite(parameter.limit):
-        return f"not told by these data: below {parameter.limit / scale:.2g} {unit} (95 %)"
-    return f"not told by these data; likeliest {parameter.value / scale:.2g} {unit}"
+        return f"not determined by these data: below {parameter.limit / scale:.2g} {unit} (95 %)"
+    return f"not determined by these data; likeliest {parameter.value / scale:.2g} {unit}"
 
 
 def toml(fit: Fit) -> str:
@@ -97,7 +97,7 @@ def toml(fit: Fit) -> str:
         lines.append(f'diffusivity = "{fit.law.diffusivity:.2g} m2/s"')
     else:
         lines.append(
-            "diffusivity = 0  # not told by these data"
+            "diffusivity = 0  # not determined by these data"
             + (f": below {walk.limit:.2g} m2/s" if math.isfinite(walk.limit) else "")
         )
     if any(abs(mean) > 2 * error for mean, error in zip(fit.mean, fit.mean_error, strict=True)):
@@ -105,7 +105,7 @@ def toml(fit: Fit) -> str:
         remedy = (
             f'state bias = "{fit.law.bias:.3f} m/s"'
             if bias_identified
-            else "state what is left of the bias, which these data do not tell"
+            else "state what is left of the bias, which these data do not determine"
         )
         lines += [
             "",
@@ -118,5 +118,5 @@ def toml(fit: Fit) -> str:
     if math.isfinite(fit.windage) and fit.windage > 0:
         lines += ["", f'# Windage, of a scenario: object = {{ windage = "{100 * fit.windage:.2f} %" }}']
     if math.isfinite(fit.windage) and fit.windage <= 2 * fit.windage_error:
-        lines.append("# (the data do not tell it from none)")
+        lines.append("# (the data do not distinguish it from none)")
     return "\n".join(lines)

@@ -80,7 +80,9 @@ def _distances(axes: Axes, result: Verification) -> None:
         linestyle=(0, (6, 2, 1, 2)),
         label="spread of the particles, root mean square",
     )
-    axes.set_title("Distance [nmi]: root mean square error and spread should agree", fontsize=10, loc="left", color=INK)
+    axes.set_title(
+        "Distance [nmi]: forecast error and particle spread should agree", fontsize=10, loc="left", color=INK
+    )
     axes.set_xlabel("hours after the start", fontsize=9)
     axes.set_xlim(0, hours[-1])
     axes.set_ylim(0, None)

@@ -24,7 +24,7 @@ def verdict(share: float, held: Estimate, lost: float = 0.0) -> str:
     if lost > MOST_LOST:
         return f"not to be judged, as {lost:.0%} of the probability left the forcing; add a source beyond its edges"
     if not math.isfinite(held.error):
-        return "too few forecasts to tell"
+        return "too few forecasts to judge"
     if held.mean < share - 2 * held.error:
         return "too small"
     return "too large" if held.mean > share + 2 * held.error else "as stated, within two standard errors"

@@ -300,7 +300,7 @@ def _scored(
         else:
             rows.append(_score(forecast, stranded, start, times))
     if not rows:
-        raise UserError(f"--drifters: all {len(refused)} forecasts were refused; the first: {refused[0]}")
+        raise UserError(f"--drifters: all {len(refused)} forecasts were rejected; the first: {refused[0]}")
     return rows, refused
 
 
@@ -371,7 +371,7 @@ def _aground_notes(rows: Sequence[_Scores], stranded: Stranded) -> Iterator[str]
 def _lost_notes(case: Case, rows: Sequence[_Scores], refused: Sequence[str]) -> Iterator[str]:
     """Give notes on forecasts that were refused, and on those that lost much of their probability."""
     if refused:
-        yield f"{len(refused)} forecasts refused; the first: {refused[0]}"
+        yield f"{len(refused)} forecasts rejected; the first: {refused[0]}"
     if many_lost := sum(row.lost > case.max_lost for row in rows):
         yield (
             f"{many_lost} forecasts lost more than {case.max_lost:.0%} of their probability to the edges of the "

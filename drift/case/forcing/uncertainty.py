@@ -15,8 +15,8 @@ from drift.engine.environment.forcing_spec import ForcingSpec
 from drift.engine.motion.forcing_error import CASE, DEFAULT, HOUR, MEMBERS, NOWHERE, RIVALS, ForcingError
 from geo.errors import UserError
 
-# Residuals of two regional ocean models against 248 drifters: 0.30 to 0.34 m/s a component, e-folding after 10 to 14 h,
-# correlated by 0.07 to 0.19 after 24 to 48 h. These have 0.32 m/s, 12 h, and 0.17 (24 h), 0.07 (48 h).
+# Residuals of two regional ocean models against 218 drifters (248 tracks) of MEOPAR-TREX 2020, one estuary, three weeks:
+# 0.30 to 0.34 m/s a component, e-folding after 10 to 14 h, correlated by 0.07 to 0.19 after 24 to 48 h. These have 0.32 m/s, 12 h, and 0.17 (24 h), 0.07 (48 h).
 CURRENT = ForcingError(0.31, 11 * HOUR, 0.08, (DEFAULT, DEFAULT, DEFAULT))
 # Between the random error of short forecasts and what searches have used (docs/errors.md).
 WIND = ForcingError(2.0, 12 * HOUR, 0.0, (DEFAULT, DEFAULT, DEFAULT))

@@ -80,7 +80,7 @@ class AxisTable(fields.Table):
     ranges: fields.Count | None = None
     """Or how many ranges `[low, high]` side by side, for keys that take uncertain numbers and times."""
     weights: Annotated[Any, BeforeValidator(_weighed)] = None
-    """How likely each value is beside the others, a list, or a table by what they are called; without it all are alike."""
+    """Probability of each value relative to the others, a list, or a table by name; without it all are equal."""
     labels: Annotated[Any, BeforeValidator(_labels)] = None
     """What each value is called, in tables and in the scenarios' names; without it by itself, or by its number."""
 

@@ -82,7 +82,7 @@ class ActsTable(BehaviourTable, WindowedTable):
             wrong.append('acts: is missing, like ["3 min", "15 min"]; what keeps its course is a phase of course')
         if self.seek + self.hide > 0 and self.tracker is None:
             wrong.append(
-                'tracker: is missing: whom does it seek or hide from? Give { at, legs }, { track = "own.gpx" }, or the name of a [tracker.NAME]'
+                'tracker: is missing: name the vessel to seek or hide from: give { at, legs }, { track = "own.gpx" }, or the name of a [tracker.NAME]'
             )
         if self.speed is not None and self.speed.high > self.fastest:
             wrong.append(f"speed: {self.speed.high / KNOT:.4g} kn is above fastest, {self.fastest / KNOT:.4g} kn")

@@ -161,7 +161,7 @@ class ScenarioTable(fields.Table):
     """A [[scenario]] table as written."""
 
     name: fields.Label
-    """What maps and tables call this story."""
+    """Name of this scenario on maps and in tables."""
     weight: fields.Weight = 1.0
     """How likely it is, beside the others; they need not add up to 1."""
     object: Annotated[
@@ -173,7 +173,7 @@ class ScenarioTable(fields.Table):
     jibe: fields.Rate | None = None
     """How often its drift changes sides, a bare number per hour; 0.04 of classes that do."""
     currents: list[str] | None = None
-    """Names of the current's sources that hold in this story; all without it."""
+    """Names of the current's sources that hold in this scenario; all without it."""
     winds: list[str] | None = None
     """Names of the wind's sources."""
     stokes: list[str] | None = None

@@ -153,7 +153,7 @@ class SeenInTable(RegionTable):
 def _belief(value: object) -> float:
     belief = probability(value, "belief")
     if belief == 0:
-        raise ValueError("belief 0: a contact that is surely none of ours says nothing; leave it out")
+        raise ValueError("belief 0: the contact is certainly false and has no effect; remove it")
     return belief
 
 
@@ -232,11 +232,11 @@ class ContactTable(fields.Table):
         measured = [key for key in ("received_level", "frequency") if getattr(self, key) is not None]
         wrong = []
         if measured and not by_sensor:
-            wrong.append(f"{' and '.join(measured)}: what received it? Give the sensor of a bearing or a range")
+            wrong.append(f"{' and '.join(measured)}: a bearing or range needs the sensor that measured it")
         if measured and self.false_density is not None:
             wrong.append(f"false_density is of places alone; with {' and '.join(measured)} give belief")
         if by_sensor and self.of is not None:
-            wrong.append("of and sensor: a sensor of the case tells of the object itself; leave one of them out")
+            wrong.append("of and sensor: a sensor of the case observes the object itself; leave one of them out")
         if self.frequency is not None and self.frequency.source_group is not None and self.belief is not None:
             wrong.append(
                 "belief and source_group: what a doubtful contact teaches of the source is not followed; leave one out"

@@ -77,7 +77,7 @@ class FrequencyTable(fields.Table):
     source_std: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "Hz", "frequency", "0.05 Hz"))] = (
         0.0
     )
-    """Standard deviation of what is not known of that; each contact takes it anew, unless they are of one `source_group`."""
+    """Standard deviation of the unknown part of that; each contact draws its own, unless they are of one `source_group`."""
     source_group: fields.Label | None = None
     """Contacts of one group heard the same source, whose frequency each of them makes better known."""
     sound_speed: sonar.SoundSpeed = 1500.0
@@ -176,7 +176,7 @@ def sided(own: Heard, bearing: float, side: Side | None) -> Heard:
         return replace(own, mirrored=mirrored)
     if not mirrored:
         raise ValueError(
-            f'side: sensor "{own.sensor.name}" tells port from starboard, or its gain is not `mirrored`; leave side out'
+            f'side: sensor "{own.sensor.name}" distinguishes port from starboard, or its gain is not `mirrored`; leave side out'
         )
     off = float(sphere.wrap(np.float64(bearing - own.heading)))
     if (off > AHEAD and side == "port") or (off < -AHEAD and side == "starboard"):

@@ -82,7 +82,7 @@ def _sight(value: object) -> Sight:
     near = difflib.get_close_matches(str(value), ["cookie_cutter"], n=1, cutoff=0.5)
     hint = f'did you mean "{near[0]}"? ' if near and isinstance(value, str) else ""
     allowed = ", ".join(['"cookie_cutter"', *(example for _, example in WITH_NUMBERS.values())])
-    raise ValueError(f"no law of detection {value!r}; {hint}Allowed: {allowed}")
+    raise ValueError(f"no detection function {value!r}; {hint}Allowed: {allowed}")
 
 
 def _linear(value: object) -> Sight:
@@ -161,7 +161,7 @@ class LookTable(FieldTable):
         time = units.resolve(self.time, run.start)
         run.check(time, time)
         if self.false_alarms == 1:
-            raise ValueError("false_alarms 1 sees something everywhere and so tells nothing; leave the look out")
+            raise ValueError("false_alarms 1 sees something everywhere and so is no evidence; leave the look out")
         if self.sensor is not None:
             return self._by_sensor(sonar.named(self.sensor, run), name, time, run)
         return Look(name, time, self.field(), self.sees == "something", self.law, self.false_alarms)

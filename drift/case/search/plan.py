@@ -178,11 +178,13 @@ class ResamplingTable(fields.Table):
         if self.method in METHODS:
             bulk = BULK if self.bulk is None else self.bulk
             if self.fastest is None:
-                wrong.append(f'method "{self.method}" needs fastest, like "32 kn": of what is placed anew at a contact')
+                wrong.append(
+                    f'method "{self.method}" needs fastest, like "32 kn": of particles that are repopulated at a contact'
+                )
             if not 0 < bulk <= self.below:
                 wrong.append(
                     f'method "{self.method}" needs 0 < bulk <= below, and bulk is {bulk:g}, below {self.below:g}: fewer survivors than below '
-                    "are duplicated, fewer than bulk placed anew at a contact; give below, like 0.75"
+                    "are duplicated, fewer than bulk repopulated at a contact; give below, like 0.75"
                 )
         else:
             given = [key for key in ("bulk", "fastest") if getattr(self, key) is not None]
@@ -200,7 +202,7 @@ class ResamplingTable(fields.Table):
             }.get(self.method, "what is left of a scenario keeps its slots")
             raise ValueError(f'across_scenarios = true needs method = "systematic": with "{self.method}" {why}')
         if self.across_scenarios and self.below == 0:
-            raise ValueError("across_scenarios = true needs below, such as 0.5: with below = 0 nothing is drawn anew")
+            raise ValueError("across_scenarios = true needs below, such as 0.5: with below = 0 nothing is resampled")
         return self
 
 

@@ -69,7 +69,7 @@ def _law(value: object) -> Law:
     near = difflib.get_close_matches(str(value), plain, n=1, cutoff=0.5)
     hint = f'did you mean "{near[0]}"? ' if near and isinstance(value, str) else ""
     allowed = ", ".join([f'"{kind}"' for kind in plain] + [example for _, example in WITH_NUMBERS.values()])
-    raise ValueError(f"no law of detection {value!r}; {hint}Allowed: {allowed}")
+    raise ValueError(f"no detection function {value!r}; {hint}Allowed: {allowed}")
 
 
 def _m_beta(value: object) -> Law:

@@ -117,7 +117,7 @@ class SortieTable(SensorTable):
             for key in ("pod", "spacing"):
                 if getattr(self, key) is not None:
                     where = "inside pattern" if self.pattern is not None and key == "spacing" else "with area"
-                    raise ValueError(f"{key} belongs {where}; legs tell their own coverage")
+                    raise ValueError(f"{key} belongs {where}; legs give their own coverage")
         if self._anywhere() and self.area is None and self.watch is None:
             raise ValueError(
                 f'law = "{self.law.kind}" is of an area searched anyhow; legs are swept: give another law, or an area'

@@ -153,7 +153,7 @@ class ProcessingTable(fields.Table):
     cost: fields.Share = 0.0
     """The chance of being heard that a beam must add to be worth a processor's slot."""
     today: dict[str, list[fields.Count]] | None = None
-    """Beams by number from 1 that are processed all the time today, `{ west = [3, 4] }`: what that is worth is told beside the plan."""
+    """Beams by number from 1 that are processed all the time today, `{ west = [3, 4] }`: its value is shown beside the plan."""
 
     def processing(self, run: Run, plan: PlanSpec, tows: Sequence[Tow]) -> Processing:
         """Return the record; raise one UserError for all that is wrong."""

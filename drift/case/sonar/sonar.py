@@ -234,7 +234,7 @@ class GainTable(fields.Table):
     symmetric: bool = False
     """Whether the rows go from 0 to 180 degrees and hold on either side."""
     mirrored: bool = False
-    """Whether it cannot tell port from starboard."""
+    """Whether it cannot distinguish port from starboard."""
     line: LineTable | None = None
     """A line array of equal elements."""
 
@@ -367,7 +367,7 @@ class PodTable(FileTable):
     per: fields.Duration | None = None
     """How long what is detected with this probability is there; without it, for as long as the watch."""
     gaps: Literal["refuse", "blind"] = "refuse"
-    """`"blind"`: nothing is detected where the file has no value; else such a file is refused."""
+    """`"blind"`: nothing is detected where the file has no value; else such a file is rejected."""
     coordinates: dict[str, str] | None = None
     """Names of `lon`, `lat` or `crs`, where the file leaves them open."""
 

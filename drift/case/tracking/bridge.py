@@ -39,7 +39,7 @@ def _correlation(value: object) -> Array:
         matrix = np.empty(0)
     if matrix.shape != (2, 2) or not (np.abs(matrix) <= 1).all():
         raise ValueError(
-            f"correlation {value!r} must be a number from -1 to 1, for east and north alike, or [[ee, en], [ne, nn]] of such"
+            f"correlation {value!r} must be a number from -1 to 1, for both east and north, or [[ee, en], [ne, nn]] of such"
         )
     return matrix
 
@@ -112,11 +112,11 @@ class OutputTable(fields.Table):
     """What is asked for."""
 
     times: list[fields.Time] | None = None
-    """Times that are told."""
+    """Times that are reported."""
     every: fields.Duration | None = None
     """Or one every so often; by default five in between."""
     areas: fields.Percents = (0.5, 0.9)
-    """Per cent whose ellipses are told."""
+    """Per cent whose ellipses are reported."""
     percentiles: fields.Percents = (0.05, 0.5, 0.95)
     """Per cent of the time of the first touch."""
     coast: str = "gshhg"
@@ -142,7 +142,7 @@ class BridgeTable(fields.Table):
     line: list[LineTable] = Field(default_factory=list)
     """Of which the first touch is asked."""
     output: OutputTable = OutputTable()
-    """What is told, and when."""
+    """What is reported, and when."""
 
 
 def load(path: str | os.PathLike[str], spread_rate: str | None = None) -> Study:
@@ -221,7 +221,7 @@ def _times(output: OutputTable, start: np.datetime64, time: Array, wrong: Mistak
     if output.every is not None:
         count = int((end - begin) / output.every) + 1
         if count > MOST:
-            wrong.lines.append(f"output.every: asks for {count:,} times; at most {MOST:,} are told")
+            wrong.lines.append(f"output.every: asks for {count:,} times; at most {MOST:,} are allowed")
             return time
         return begin + output.every * np.arange(count)
     if output.times is None:

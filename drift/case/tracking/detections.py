@@ -56,11 +56,11 @@ class DetectionTable(fields.Table):
     time: fields.Time
     """Date and time, or the time after the start."""
     sensor: str = ""
-    """By whom."""
+    """The sensor."""
     bearing: fields.Direction | None = None
-    """True; nothing is told of it by default."""
+    """True; unknown by default."""
     range: Annotated[float, BeforeValidator(_with_unit)] | None = None
-    """With its unit; nothing is told of it by default."""
+    """With its unit; unknown by default."""
     lat: fields.Latitude | None = None
     """Of the tracker."""
     lon: fields.Longitude | None = None
@@ -128,9 +128,7 @@ class _Log:
         if not len(placed):
             return found, None
         if placed[0, 0] > found.time[0]:
-            raise UserError(
-                f"{label}: nobody says where the tracker was at the first detection; give lat and lon there"
-            )
+            raise UserError(f"{label}: the tracker has no position at the first detection; give lat and lon there")
         return found, tracker.through(placed[:, 0], placed[:, 1], placed[:, 2], self._start, label)
 
     def _told(self, time: float) -> str:

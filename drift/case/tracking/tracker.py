@@ -87,7 +87,7 @@ def way(table: TrackerTable, own: path.Path | None, start: np.datetime64, end: f
         return _tracked(table.track, folder, start, end)
     if own is None:
         raise ValueError(
-            "nobody says where it is; give at with legs, track (a GPX file), or lat and lon in the file of detections"
+            "it has no position; give at with legs, track (a GPX file), or lat and lon in the file of detections"
         )
     return own
 

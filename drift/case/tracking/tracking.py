@@ -46,7 +46,7 @@ MOST_SHOWN = 50  # times at which a cloud is drawn
 def _ambiguity(value: object) -> float:
     share = units.quantity(value, "", "range ambiguity", "0.3")
     if not 0 <= share <= 1:
-        raise ValueError(f"{value!r} must be a share of the range, 0 (exact) to 1 (nothing is told of it)")
+        raise ValueError(f"{value!r} must be a share of the range, 0 (exact) to 1 (unknown)")
     return share
 
 
@@ -111,7 +111,7 @@ class SensorTable(fields.Table):
     reach: fields.Reach
     """How far."""
     range_ambiguity: Ambiguity
-    """0: ranges are exact; 1: nothing is told of them."""
+    """0: ranges are exact; 1: they are unknown."""
     bearing_ambiguity: BearingError
     """On either side, in degrees."""
     sweep: fields.Duration = 1.2
@@ -119,7 +119,7 @@ class SensorTable(fields.Table):
     on: Annotated[PlanTable | bool, BeforeValidator(_on)] = True
     """When it is on."""
     hears: bool = False
-    """It detects a target's radar while that is on; its silence tells nothing."""
+    """It detects a target's radar while that is on; its silence is no evidence."""
     grace: Elapsed = 300.0
     """Of `detections`: its silence counts no nearer to a detection, by any sensor, of what is within its reach, for not every plot is written down."""
 
@@ -154,11 +154,11 @@ class MethodTable(BehaviourTable):
     name: fields.Label
     """What it is called."""
     fill: Literal["position", "course", "combined"] = "combined"
-    """How particles are drawn anew from a detection: weighted by the speed they need from the last estimate, on the course from it, or both."""
+    """How particles are repopulated from a detection: weighted by the speed they need from the last estimate, on the course from it, or both."""
     partial: fields.Share = 0.75
     """Share of the particles below which what is left is duplicated."""
     bulk: fields.Share = 0.1
-    """Share below which they are drawn anew from a detection; after silence the track is lost."""
+    """Share below which they are repopulated from a detection; after silence the track is lost."""
 
     def tracker(self) -> Tracker:
         """Return the record."""
@@ -221,7 +221,7 @@ class PursuitTable(fields.Table):
     worth: fields.Duration = 3600.0
     """Of one that avoids: how much longer it would go to meet the target once less, as expected."""
     replan: fields.Share = 0.8
-    """It is planned anew when seeing nothing since the last plan was less likely than this (Klaas' trigger)."""
+    """It is planned again when seeing nothing since the last plan was less likely than this (Klaas' trigger)."""
 
     def pursuit(
         self,
@@ -251,7 +251,7 @@ class PursuitTable(fields.Table):
                 + ("; give begin" if self.begin is None else "")
             )
         if self.at is None and not tracker.time[0] <= begin <= tracker.time[-1]:
-            raise ValueError(f"nobody says where the tracker is at {told(begin)}; give at, or another begin")
+            raise ValueError(f"the tracker has no position at {told(begin)}; give at, or another begin")
         place = np.radians(self.at) if self.at is not None else np.radians(path.degrees(tracker.at([begin])[0][0]))
         to = None if self.to is None else (float(np.radians(self.to[0])), float(np.radians(self.to[1])))
         steps = int(lasting / self.step + 1e-9)
@@ -279,15 +279,15 @@ class TrackingTable(fields.Table):
     seed: fields.Count = 1
     """Of all random numbers."""
     target: TargetTable | None = None
-    """Who is followed in an experiment."""
+    """The target of an experiment."""
     detections: str | None = None
     """In place of it, a CSV file of what was detected: `time`, `sensor`, `bearing` (true, degrees), `range` (nmi), and where the tracker was, `lat` and `lon`."""
     detection: list[DetectionTable] = Field(default_factory=list)
     """The same in this file, in order of time; ranges with their unit."""
     show: list[fields.Moment] = Field(default_factory=list)
-    """Of detections: times, after the start or of date and time, at which the cloud is drawn and its areas are told; by default the last detection, the end, and between."""
+    """Of detections: times, after the start or of date and time, at which the cloud is drawn and its areas are reported; by default the last detection, the end, and between."""
     tracker: TrackerTable = TrackerTable()
-    """Who follows."""
+    """The vessel that follows."""
     land: Literal["turn", "ignore"] = "turn"
     """What the shore means to particles, and to a target that acts: they turn there to any other course, or pass over."""
     sensor: Annotated[list[SensorTable], Field(min_length=1)]
@@ -410,7 +410,9 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
                 f'sensor "{sensor.name}": hears the target\'s radar, which is never on; give [target.radiates]'
             )
         if target is not None and "grace" in sensor.model_fields_set:
-            wrong.lines.append(f'sensor "{sensor.name}".grace: is of detections; of a [target] every sweep is known')
+            wrong.lines.append(
+                f'sensor "{sensor.name}".grace: only applies to cases with detections; with a [target] every sweep is simulated'
+            )
     if target is not None and table.show:
         wrong.lines.append("show: is of detections; a [target] is followed in experiments")
     if target is None and "experiment" in table.model_fields_set and (table.detections or table.detection):
@@ -458,7 +460,7 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
         known = (followed.time >= tracker.time[0] - 1e-6) & (followed.time <= tracker.time[-1] + 1e-6)
         for time in followed.time[~known]:
             wrong.lines.append(
-                f"detections: nobody says where the tracker was at the detection of {told(time)}; give lat and lon there, or a track until then"
+                f"detections: the tracker has no position at the detection of {told(time)}; give lat and lon there, or a track until then"
             )
         wrong.refuse()
     chase: Pursuit | None = None

@@ -57,7 +57,7 @@ class GridTable(fields.Table):
         given = f"{self._described()} makes {cells.nlon:,} x {cells.nlat:,} cells"
         if min(cells.shape) < FEWEST:
             raise ValueError(
-                f"{given}; at least {FEWEST} each way tell where something is: widen it, or make spacing smaller"
+                f"{given}; at least {FEWEST} each way are needed to locate anything: widen it, or make spacing smaller"
             )
         if cells.nlon * cells.nlat > MOST_CELLS:
             larger = math.sqrt(cells.nlon * cells.nlat / MOST_CELLS)

@@ -77,7 +77,7 @@ class Times(fields.Table):
     """An uncertain time: a time, [earliest, latest], a truncated triangle, or a normal law."""
 
     earliest: fields.Time | None = None
-    """With `latest`; all in between alike unless `best` is given."""
+    """With `latest`; uniform in between unless `best` is given."""
     best: fields.Time | None = None
     """The likeliest, with `ratio`."""
     latest: fields.Time | None = None
@@ -87,7 +87,7 @@ class Times(fields.Table):
     at: fields.Time | None = None
     """The time itself, or the mean with `std`."""
     std: fields.Duration | None = None
-    """Standard deviation of a normal law."""
+    """Standard deviation of a normal distribution."""
 
     @model_validator(mode="after")
     def one_law(self) -> "Times":

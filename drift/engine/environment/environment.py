@@ -349,8 +349,8 @@ def _without_forcing(
     more = f" and {len(without) - 3} times more" if len(without) > 3 else ""
     return [
         f"{quantity} {names} lasts from {whole}{holds}, the run from "
-        f"{notation.group(first)} to {notation.group(last)}: {math.floor(100 * share)}% of it is covered, "
-        f"nothing {lacking}{more}, and without forcing all that is adrift is lost. Change "
+        f"{notation.group(first)} to {notation.group(last)}: no data {lacking}{more} ({math.floor(100 * share)}% of the run "
+        "is covered), and particles adrift then are lost. Change "
         + (
             f"start, duration or end, or leave {names} out: it has add = true, and a sum without it is none"
             if added

@@ -206,7 +206,7 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
     else:
         rows = [(Line2D([], [], **_style(k)), f"Way: {_names(names)}") for k, (_, names) in enumerate(groups)]
     if any(shapes.outlines for shapes, _ in groups):
-        rows.append((Patch(facecolor="none", edgecolor=WAY_COLOURS[0]), "A way point lies in it, or half of its law"))
+        rows.append((Patch(facecolor="none", edgecolor=WAY_COLOURS[0]), "50 % area of a way point"))
     rows += key(areas=False) if network is not None else []
     rows += [(Line2D([], [], **AREA), "Area of patrol")] if rings else []
     rows += (

@@ -46,7 +46,7 @@ def layout(spec: EnsembleSpec) -> Layout:
     """
     if spec.particles < len(spec.scenarios):
         raise UserError(
-            f"particles: {spec.particles} cannot tell {len(spec.scenarios)} scenarios; give at least one each"
+            f"particles: {spec.particles} are too few for {len(spec.scenarios)} scenarios; give at least one each"
         )
     bounds = _bounds(spec, counts_of(spec))
     return Layout(bounds, bounds[:-1], (partials.BLOCK,) * len(spec.scenarios))

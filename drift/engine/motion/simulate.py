@@ -100,7 +100,7 @@ class _Within:
         return places
 
     def look(self, which: Ensemble, scene: Scene, begin: Begin | None, time: int) -> tuple[Array, Array]:
-        """Return the same without keeping it: an output does not tie down what comes after it."""
+        """Like `at`, but do not condition later positions on this sample."""
         begin = self.begin if which is self.own else begin
         if begin is None or time == self.end:
             return _now(which)

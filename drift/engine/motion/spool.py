@@ -43,7 +43,7 @@ END = ("log_weight", "release", "status_since", "edge", "world")  # columns of a
 def _refusal(reason: str, folder: Path | None = None) -> UserError:
     if folder is None:
         return temporary.refusal(reason)
-    return UserError(f"{folder}: {reason}; make room, or name another folder with --out")
+    return UserError(f"{folder}: {reason}; free some space, or name another folder with --out")
 
 
 class NoRoom(Exception):

@@ -202,7 +202,7 @@ def owners(bounds: tuple[int, ...]) -> Array:
 
 
 def inherit(columns: Iterable[Device], ancestors: Array) -> None:
-    """Give every slot what its ancestor has, in place; ancestors: slots, (n,).
+    """Copy each ancestor's state into its offspring (resampling), in place; ancestors: slots, (n,).
 
     columns: of (n,) values, or of several of each particle, one after another. Arrays in whose rows they stand are taken
     whole: no other column may stand there.

@@ -1,7 +1,7 @@
 """A sortie as it is flown: what its sensor has done to each particle, and what its failure does to weights.
 
 An area counts the time inside it, legs the hazard along relative tracks or the passes abeam, a watch the time in its
-zones. All of it is kept on the device, in columns that go when the sortie is over.
+zones. All of it is kept on the device, in buffers that are freed when the sortie ends.
 """
 
 import math

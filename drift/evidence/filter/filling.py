@@ -96,7 +96,9 @@ class Filling:
     def anew(
         self, contact: Contact, number: int, time: int, cloud: Cloud, contradicted: Array, layout: Layout
     ) -> Placed | None:
-        """Return who is placed anew after a contact; None: nobody has to be. Nobody is where it is ashore.
+        """Return the particles to repopulate after a contact; None if there are none.
+
+        Particles whose new position would be on land are not placed.
 
         number: of the contact in the case; time: of it [s after start]; cloud: after it; contradicted: whom it leaves nothing,
         bool (n,).

@@ -298,12 +298,12 @@ class Search:
             self._shared.pop(key, None)
 
     def _keys(self) -> dict[tuple[str, float], int]:
-        """How many values stand for the unknown of each group of which something is to come."""
+        """Number of quadrature nodes for the unknown of each pending group."""
         keys = {flown.key: len(flown.factors) for flown in self._waiting}
         return keys | self._by_sensors()
 
     def _by_sensors(self) -> dict[tuple[str, float], int]:
-        """How many values stand for the unknown of each group of sensors whose looks or contacts are to come."""
+        """Number of quadrature nodes for each pending sensor group's unknown."""
         sensors = [look.sensor for _, look in self._looks if look.sensor]
         sensors += [contact.heard.sensor for _, _, contact in self._contacts if contact.heard]
         return {unknown.key(sensor): len(unknown.values(sensor)[1]) for sensor in sensors}

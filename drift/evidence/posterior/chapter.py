@@ -82,7 +82,7 @@ def _leaves(posteriors: Posteriors, ranked: Ranking | None) -> list[Any]:
         ("value", "Value", "words"), ("share", "Share", "share"), ("mean", "Mean", "words"), ("std", "Standard deviation", "words"),
         ("q05", "5 %", "words"), ("q50", "Median", "words"), ("q95", "95 %", "words"),
     ]  # fmt: skip
-    note = "Of all stories together; posteriors.csv has those of each."
+    note = "All scenarios together; posteriors.csv has those of each."
     told = [one.quantity.name for one in posteriors.told]
     shown: list[Any] = []
     if ranked is not None and many(ranked):
@@ -91,14 +91,14 @@ def _leaves(posteriors: Posteriors, ranked: Ranking | None) -> list[Any]:
     if told:
         where: dict[str, str | list[str]] = {"scenario": "all", "quantity": told}
         shown.append(
-            leaves.table("What is believed besides places", columns, file="posteriors.csv", where=where, note=note)
+            leaves.table("Posteriors besides position", columns, file="posteriors.csv", where=where, note=note)
         )
     return shown
 
 
 def _ranked(ranked: Ranking) -> list[Any]:
     """Return the likeliest scenarios, and what is told of them by axis."""
-    columns = [("", "Rank", "count"), ("", "Story", "words"), ("", "Before", "share"), ("", "Now", "share"),
+    columns = [("", "Rank", "count"), ("", "Scenario", "words"), ("", "Before", "share"), ("", "Now", "share"),
                ("", "Factor", "factor"), ("", "Together", "share")]  # fmt: skip
     first = ranked.order[:RANKS]
     figures = zip(
@@ -111,7 +111,7 @@ def _ranked(ranked: Ranking) -> list[Any]:
         for rank, (name, (prior, now, factor, total)) in enumerate(zip(names, figures, strict=True), 1)
     ]
     note = f"{ranked.words}; scenarios.csv has all of them."
-    found = [leaves.table("Stories by rank", columns, rows=rows, note=note)]
+    found = [leaves.table("Scenarios by rank", columns, rows=rows, note=note)]
     by_axis = [
         [along.axis.name, label, prior, now]
         for along in ranked.axes
@@ -121,5 +121,5 @@ def _ranked(ranked: Ranking) -> list[Any]:
     ]
     if by_axis:
         heads = [("", "Axis", "words"), ("", "Value", "words"), ("", "Before", "share"), ("", "Now", "share")]
-        found.append(leaves.table("Stories by axis", heads, rows=by_axis, note="Of all stories that have the axis."))
+        found.append(leaves.table("Scenarios by axis", heads, rows=by_axis, note="All scenarios that have the axis."))
     return found

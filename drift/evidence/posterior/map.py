@@ -340,9 +340,9 @@ def _key(figure: Figure, top: float, left: float) -> None:
 def _account(posteriors: Posteriors, stages: list[Stage]) -> str:
     """Return in a line what is shown."""
     many = len(posteriors.stages) - 1
-    text = f"What is believed besides places, before the first and after each of {many} update{'s' * (many != 1)}"
+    text = f"Posteriors besides position, before the first and after each of {many} update{'s' * (many != 1)}"
     if many == 0:
-        text = "What is believed besides places: nothing has been searched or seen yet"
+        text = "Posteriors besides position: no searches or observations yet"
     hidden = len(posteriors.stages) - len(stages)
     return text + (f"; {hidden} earlier rows are in posteriors.csv" if hidden else "")
 
@@ -350,9 +350,8 @@ def _account(posteriors: Posteriors, stages: list[Stage]) -> str:
 def _explained(letters: float) -> str:
     """Return what the marks are, in lines as wide as so many large letters."""
     text = (
-        "A histogram is as high as its row, with the outline of the first one to the same scale; a bar that is broken "
-        "stands out of it, and has its share beside it. Bars of scenarios, destinations and sides are shares in %. "
-        "Beside a histogram: the median, 5 to 95 %, and in which share of the probability it means anything. "
+        "Outline: before. Tall bars are cut, with the value beside. Bars of scenarios, destinations and sides are shares in %. "
+        "Beside a histogram: the median, 5 to 95 %, and the share of the probability to which it applies. "
         "By scenario and in full: posteriors.csv."
     )
     return "\n".join(textwrap.wrap(text, int(1.2 * letters)))

@@ -159,7 +159,7 @@ def _of_none(drawn: Drawn) -> None:
 
 def of_axis(axis: Axis) -> Quantity:
     """Return an axis of families of scenarios as a quantity; what particles have of it their scenarios say."""
-    heading = f"{axis.name[:1].upper()}{axis.name[1:]} (by story)"
+    heading = f"{axis.name[:1].upper()}{axis.name[1:]} (by scenario)"
     return Quantity(f"axis {axis.name}", heading, "category", _of_none, by_scenario=True)
 
 

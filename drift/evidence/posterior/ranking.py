@@ -49,7 +49,7 @@ class Ranking:
     def words(self) -> str:
         """How many there are, and how many of them count."""
         before, now = (family.effective(values) for values in (self.prior, self.posterior))
-        return f"{len(self.prior):,} stories, of which {now:.3g} count now, {before:.3g} before the first update"
+        return f"{len(self.prior):,} scenarios, {now:.3g} of them effective now, {before:.3g} before the first update"
 
     @property
     def axes(self) -> list[Along]:

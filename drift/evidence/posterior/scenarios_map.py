@@ -73,7 +73,7 @@ def draw(ranking: Ranking, path: Path, setting: Setting) -> None:
         high = tall / lines - under - OVER
         base = FOOT + tall - (line + 1) * (tall / lines) + OVER + under
         _axis(on.figure.add_axes((left / width, base / height, AXIS / width, high / height)), along, ranking)
-    words = "Stories that count: exp of the entropy of their probabilities. All of them by rank: scenarios.csv."
+    words = "Effective scenarios: exp of the entropy of their probabilities. All scenarios by rank: scenarios.csv."
     if len(ranking.axes) > AXES:
         words += f" {len(ranking.axes) - AXES} more axes: posteriors.csv."
     on.figure.text(0.28 / width, 0.33 / height, words, fontsize=8, color=GREY, va="center")
@@ -101,7 +101,7 @@ def _ranks(ax: Axes, ranking: Ranking) -> None:
     ax.set_xlim(0, top)
     ax.set_ylim(len(now) - 0.5, -0.5)
     ax.set_yticks(y, told, fontsize=8.5, color=INK)
-    ax.set_title("Likeliest stories [%]", fontsize=10, weight="bold", color=INK, loc="left", pad=7)
+    ax.set_title("Likeliest scenarios [%]", fontsize=10, weight="bold", color=INK, loc="left", pad=7)
     for k, (before, after) in enumerate(zip(prior, now, strict=True)):
         ax.text(top * 1.03, k - 0.17, notation.percent(after), fontsize=9, color=INK, va="center")
         factor = f", × {_factor(after / before)}" if before > 0 else ""

@@ -40,7 +40,9 @@ def join(lon: Array, lat: Array, name: str) -> Places:
     """Return what joins at least two places [rad]; refuses those that are the same or all round the Earth."""
     x, y, z = (float(v.mean()) for v in sphere.vector(lon, lat))
     if math.sqrt(x * x + y * y + z * z) < 1e-3:
-        raise UserError(f"{name}: its places lie all round the Earth and have no middle; give those of one ocean")
+        raise UserError(
+            f"{name}: its points surround the globe, so no centre can be chosen; use points from one ocean basin"
+        )
     middle = math.atan2(y, x), math.atan2(z, math.hypot(x, y))
     plane = np.stack(sphere.offset(*middle, lon, lat), axis=1)
     centred = plane - plane.mean(axis=0)

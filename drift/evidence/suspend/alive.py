@@ -42,8 +42,9 @@ def basis(scenario: Scenario) -> str | None:
     survival = scenario.survival
     if survival is None:
         return None
+    spread = notation.number(survival.spread, 3)
     median = f"median {notation.number(survival.median / HOUR, 3)} h"
-    return f"{median}, factor {notation.number(survival.spread, 3)} of a standard deviation ({survival.basis})"
+    return f"{median}, 68 % between 1/{spread} and {spread} times that ({survival.basis})"
 
 
 def seconds(time: np.datetime64, start: np.datetime64) -> float:

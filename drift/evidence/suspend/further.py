@@ -189,8 +189,8 @@ def like_the_last(
     swept, living = _mapped(total, standing, data), _mapped(np.array(alive), standing, data)
     watches = len(recent) - len(efforts)
     how = (
-        f"{len(efforts)} sortie{'s' * (len(efforts) != 1)} of the last 24 h swept {total.max() / NMI**2:,.0f} nmi2: as "
-        "much on each further day, as random search, spread without limit where it adds most on the map of "
+        f"{len(efforts)} sortie{'s' * (len(efforts) != 1)} of the last 24 h swept {total.max() / NMI**2:,.0f} nmi2: the "
+        "same effort on each further day, as random search, placed ideally on the map of "
         f"{np.datetime_as_string(times[k], 'm')}Z"
         + (f"; {watches} watch{'es' * (watches != 1)} not counted" if watches else "")
     )

@@ -53,14 +53,14 @@ def _note(suspension: Suspension) -> str:
     """Return which errors the panels show, and which they do not and why."""
     notes = []
     if suspension.mortal:
-        notes.append("The band is of the particles alone: survival times are far less sure.")
+        notes.append("The band is the sampling error only: survival times are far less certain.")
     else:
-        notes.append("Who may be alive is not drawn: no scenario has survival times.")
+        notes.append("No panel shows survival: no scenario has survival times.")
     if suspension.further:
         notes.append(
             "Whiskers: two standard errors of the particles, not of winds, currents and sweep widths."
             if suspension.planned
-            else "Days bear no errors: their map is held still, which makes later days look better than they are."
+            else "Days have no error bars; drift is ignored, so later days look better than they are."
         )
     return " ".join([*notes, "Nothing here recommends: see suspend.txt."])
 

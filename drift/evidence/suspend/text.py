@@ -54,7 +54,7 @@ def immortal(suspension: Suspension) -> list[str]:
     )
     if not (suspension.mortal and names):
         return []
-    return [f"no survival times are told for {names}: whoever is adrift there counts as alive for ever."]
+    return [f"{names} have no survival times: persons adrift there are assumed alive forever."]
 
 
 def give_or_take(value: float, error: float) -> str:
@@ -129,8 +129,8 @@ def _left(suspension: Suspension, lost: float) -> list[str]:
     if suspension.sorties:
         never = float(suspension.never[-1])
         lines += _fill(
-            f"{give_or_take(never, float(suspension.error(never)))} of what is still probable was never where a sortie "
-            f"searched; the other {notation.percent(1 - never)} was searched and missed.",
+            f"{give_or_take(never, float(suspension.error(never)))} of the remaining probability lies outside all searched "
+            f"areas; the other {notation.percent(1 - never)} was searched and missed.",
             3,
         )
         for s, name in enumerate(suspension.scenarios if len(suspension.scenarios) > 1 else ()):

@@ -17,10 +17,10 @@ from geo.array import Array
 from geo.cells import Cells
 
 AREA = "area: cell_area"
-COUNTED = "of what was drawn anew, that of the particles from which it descends"
+COUNTED = "of resampled particles, that of the particles from which they descend"
 SUMMARY = (
     "Probability of where an object at sea is over time, by cells, from weighted particles: what they drifted or steered, "
-    "what searches and contacts told up to each time, areas that hold stated shares, and what became of the object."
+    "what searches and contacts showed up to each time, areas that hold stated shares, and what became of the object."
 )
 SUMMED = "time: point area: sum"  # CF's cell methods of a share of the cell at a time
 CALIBRATED = "calibrated so that the share of held-out particles inside equals the stated one"
@@ -119,7 +119,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     "effective_worlds": (
         ("time",),
         {
-            "long_name": "effective number of worlds on the map; objects of a world share what nobody knows of it",
+            "long_name": "effective number of worlds on the map; objects of a world share its unknowns",
             "units": "1",
             "comment": "each world weighs as much as it has on the map at that time, so this differs from the number by "
             "finds alone, of washup.nc",

@@ -17,7 +17,7 @@ from geo.notation import NMI
 def of(forecast: Forecast, tracks: Trajectories) -> list[Leaf]:
     """Return the leaves of a forecast and of its subsample."""
     data = forecast.data
-    stories = {"All stories": data["probability"].values}
+    stories = {"All scenarios": data["probability"].values}
     if data.sizes["scenario"] > 1:
         by_story = data["probability_by_scenario"]
         names = [str(name) for name in data.get("mapped_scenario", data["scenario"]).values]
@@ -31,7 +31,7 @@ def of(forecast: Forecast, tracks: Trajectories) -> list[Leaf]:
         ),
         leaves.shapes(
             "Areas", "contours.geojson", "area", when=leaves.AT, frame=True,
-            told=[("level", "Holds", "share"), ("area_nmi2", "Area", "nmi2"), ("effective_particles", "Particles that count", "count")],
+            told=[("level", "Holds", "share"), ("area_nmi2", "Area", "nmi2"), ("effective_particles", "Effective particles", "count")],
         ),
         leaves.points(
             "Ashore at the end", "ashore.csv", "ashore", since="first_time", weight="probability_ashore", shown="effective_worlds" not in data,
@@ -67,7 +67,7 @@ def _columns(data: Any) -> list[tuple[str, str, str]]:
     held = [notation.hundredths(share) for share in data["share"].values]
     ever = data["status_probability"].values.max(axis=0) > 0
     status = [str(name) for name, there in zip(data["status"].values, ever, strict=True) if there]
-    counts = {"effective_particles": "Particles that count", "effective_worlds": "Worlds that count on the map"}
+    counts = {"effective_particles": "Effective particles", "effective_worlds": "Effective worlds on the map"}
     return [
         ("time", "Time", "time"),
         ("mean_position", "Mean position", "words"),

@@ -34,7 +34,7 @@ def draw(forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence
     found, imprint = each(forecast, -1), setting.imprint
     now = forecast.data["time"].values[-1]
     last = replace(forecast, data=forecast.data.isel(time=[-1]))
-    all_of = "All classes" if "effective_worlds" in last.data else "All stories"
+    all_of = "All classes" if "effective_worlds" in last.data else "All scenarios"
     panels = [Story(all_of, 1.0, 1.0, last), *found]
     names = page.names([story.name for story in panels], LETTERS)
     few = [story.name for story in panels if _count(story, setting).few]
@@ -72,7 +72,7 @@ def draw(forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence
     sheet.head(on, imprint, _contents(forecast, setting, found))
     if few:
         listed = "; ".join(few[:3]) + (f" and {len(few) - 3} more" if len(few) > 3 else "")
-        sheet.rough(on, f"TOO FEW PARTICLES COUNT, areas are rough: {listed}")
+        sheet.rough(on, f"TOO FEW EFFECTIVE PARTICLES, areas are rough: {listed}")
     place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (SIDE / width, 0.3 / height)}
     key = _key(panels, setting) + [row for overlay in overlays for row in overlay(now).key]
     sheet.legend(on.figure, key, ncols=len(key), fontsize=8, borderaxespad=0, borderpad=0, **place)

@@ -66,7 +66,7 @@ def moved(job: Job, run: Divided, mark: Mapping[str, str], noted: Noted | None) 
         try:
             way, told = _all(job, run, kept, mark, noted)
         except Gone as gone:
-            LOG.warning("%s of the run before is not there any more: it begins anew", gone)
+            LOG.warning("%s of the previous run is missing: it starts again", gone)
             kept.begin_anew()
             way, told = _all(job, run, kept, mark, noted)
         last = way.stretches[-1]

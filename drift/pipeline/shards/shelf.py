@@ -82,8 +82,8 @@ def _refuse_without(folder: Path, need: int, have: int, room: int) -> None:
     """Raise UserError where a folder has no room [bytes] for what is needed and not there yet."""
     if need - have > room:
         raise UserError(
-            f"{folder}: the particles at all output times need {notation.size(need)}, and it has room for "
-            f"{notation.size(room + have)}; make room, name another folder with --out, or ask for fewer particles or outputs"
+            f"{folder}: the particles at all output times need {notation.size(need)}, and "
+            f"{notation.size(room + have)} are free; free some space, name another folder with --out, or ask for fewer particles or outputs"
         )
 
 
@@ -95,7 +95,7 @@ def _make_room(folder: Path, need: int, room: int) -> None:
         return
     shutil.rmtree(folder, ignore_errors=True)
     LOG.warning(
-        "%s: no room for the forcing as it is sampled (%s): each shard reads and regrids it anew",
+        "%s: no space to cache the regridded forcing (%s); every shard will read and regrid it again",
         folder.parent,
         notation.size(need),
     )
@@ -170,7 +170,7 @@ def _take_up(work: Work, fingerprint: Mapping[str, str]) -> None:
         return
     if before is not None:
         changed = [name for name in {**before, **fingerprint} if before.get(name) != fingerprint.get(name)]
-        LOG.warning("an unfinished run is there, but %s changed since: it begins anew", " and ".join(changed))
+        LOG.warning("an unfinished run is there, but %s changed since: it starts again", " and ".join(changed))
     work.drop()
     replace(about, json.dumps(dict(fingerprint)))
 

@@ -116,7 +116,7 @@ class Stretch:
         raise Stop
 
     def over(self) -> None:
-        """Take down what is told of the end of the run."""
+        """Record the end-of-run summary."""
         if self.search is not None:
             self._reel.note("unsearched", self.search.unsearched.whole("unsearched"))
             for name, column in crossings.columns_of(self.search.watched).items():

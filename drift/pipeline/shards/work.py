@@ -130,7 +130,7 @@ class Work:
     def _refusal(self, data: Path, why: str) -> UserError:
         with contextlib.suppress(OSError):
             data.unlink()
-        return UserError(f"{self.folder}: {why}; {self.kept}; make room, or name another folder with --out")
+        return UserError(f"{self.folder}: {why}; {self.kept}; free some space, or name another folder with --out")
 
     @property
     def kept(self) -> str:

@@ -65,7 +65,7 @@ def draw(
     ax.set_xlim(edges[0], edges[-1])
     ax.set_ylim(0, top)
     below = on.figure.add_axes((LEFT / WIDTH, 0.75 / height, wide / WIDTH, CURVE / height))
-    _heard(below, allocation, edges, "heard by then, each slot begun anew" if lines else "heard by then")
+    _heard(below, allocation, edges, "heard by then, each slot by itself" if lines else "heard by then")
     _times(below, edges)
     ax.set_xticks(below.get_xticks(), labels=[])
     _legend(on.figure, 1 - (over - 0.43) / height)

@@ -15,7 +15,7 @@ WIDE = 78
 LOOSE = 0.99  # a bound of so much says nothing
 RELAXED = (
     "The bound lets each array be anywhere in its cell, on any heading and at the best of its beams at every moment, draw its "
-    "fluctuation anew in each slot of time, turn at will, and be shared out among ways"
+    "fluctuation again in each slot of time, turn at will, and be shared out among ways"
 )
 
 

@@ -127,7 +127,7 @@ def _sortie(case: Case, placed: placement.Placed) -> Sortie:
     legs = ways.legs(placed.sea, placed.way, 0)
     name = f"{tow.name}, planned"
     while name in {sortie.name for sortie in case.sorties}:
-        name += " anew"
+        name += " again"
     start, end = (np.datetime64(round(time), "s") for time in (legs.time[0], legs.time[-1]))
     blind = (float("nan"),) * len(case.scenarios)
     return Sortie(

@@ -112,20 +112,20 @@ def pod(plan: Any) -> str:
 
 def begun_anew(plan: Any) -> str:
     """Return in a line what a plan is worth if every slot is begun anew, and the bound of that."""
-    return f"Each slot begun anew, h{worth(plan.allocation)[1:]}"
+    return f"Each slot by itself, h{worth(plan.allocation)[1:]}"
 
 
 def notes(plan: Any) -> list[str]:
     """Return what must be known to read a plan, its POD first."""
     return [
         f"{pod(plan)}.",
-        f"What follows is of the {plan.made_on:,} of these tracks on which beams were chosen, each slot begun anew.",
-        "Each slot begun anew: as if nobody had listened before. So gains, what is heard by a slot's end, the bound and the "
+        f"What follows is of the {plan.made_on:,} of these tracks on which beams were chosen, each slot by itself.",
+        "Each slot by itself: as if no sensor had listened before. So gains, what is heard by a slot's end, the bound and the "
         "alternatives are too high where levels fluctuate more slowly than slots follow one another; POD is not. Beams of an array "
         "share its fluctuation, and of those processed in a slot the best counts; arrays miss apart.",
         "POD: that the target is heard at least once, on tracks drawn for planning, given all that the case knows. Beams were chosen on "
         "these, or some of them; it is not of the particles of the forecast beside it.",
-        "Beams: R is relative to the array's heading, T true. A line cannot tell port from starboard: its beam hears both "
+        "Beams: R is relative to the array's heading, T true. A line cannot distinguish port from starboard: its beam hears both "
         "sides.",
         "An unknown that a group of sensors shares is drawn once for each track.",
     ]

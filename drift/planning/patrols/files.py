@@ -75,7 +75,7 @@ def text(plan: PatrolPlan, after: Aftermath, title: str, run: str, synthetic: bo
 
 def worth(plan: PatrolPlan) -> str:
     """Return in a line what a plan is expected to find, and what none could exceed."""
-    expected = f"{plan.found:.3g} objects found on average (Monte Carlo error of that {plan.error:.2g})"
+    expected = f"{plan.found:.3g} +- {plan.error:.2g} objects found on average (sampling)"
     return f"{expected}; no plan of these teams finds more than {_up(plan.bound)} on average"
 
 

@@ -107,15 +107,15 @@ def silent(value: float, number: float, error: float, seen: float, scored: float
     scored: what the plan finds of others; error: standard error of value less scored.
     """
     if number < FEW:
-        return f"only {number:,.0f} particles count, too few to tell"
+        return f"only {number:,.0f} effective particles, too few to judge this plan"
     if none:
         return none
     if value > NEARLY:
-        return "it would be near 1, which tells nothing of any plan"
+        return "it would be near 1, which judges no plan"
     if error > UNSURE:
         return f"sampling leaves it unsure by {2 * error:.2f}"
     if seen > value or scored > value + 2 * error:
-        return "this plan finds more than was reckoned for any"
+        return "this plan finds more than the estimate for any plan"
     return ""
 
 

@@ -251,7 +251,7 @@ def _named(tasking: Tasking, number: int, rounds: int, case: Case) -> Tasking:
     """Return a tasking of a round, its sortie named unlike all others."""
     name = f"{tasking.unit.name}, planned" + (f" {number}" if rounds > 1 else "")
     while name in {sortie.name for sortie in case.sorties}:
-        name += " anew"
+        name += " again"
     return replace(tasking, round=number, sortie=replace(tasking.sortie, name=name, ashore=case.plan.ashore))
 
 

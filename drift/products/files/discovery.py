@@ -17,7 +17,7 @@ VOCABULARY = "CF Standard Name Table v93"
 EARTH = "crs"  # variable that says on which Earth positions lie
 SPHERE = {
     "grid_mapping_name": "latitude_longitude",
-    "long_name": "the sphere on which the run reckons; longitudes and latitudes are those of charts, WGS 84",
+    "long_name": "the sphere on which the run computes; longitudes and latitudes are those of charts, WGS 84",
     "earth_radius": sphere.RADIUS,  # [m]
     "longitude_of_prime_meridian": 0.0,
     "coverage_content_type": "auxiliaryInformation",

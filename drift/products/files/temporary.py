@@ -24,14 +24,14 @@ def check_room(need: int, what: str) -> None:
     except OSError as error:
         raise refusal(error.strerror or str(error)) from error
     if need > free:
-        raise refusal(f"{what} need {notation.size(need)}, and it has room for {notation.size(free)}")
+        raise refusal(f"{what} need {notation.size(need)}, and {notation.size(free)} are free")
 
 
 def refusal(reason: str) -> UserError:
     """Return an error of the temporary folder, with what helps."""
     temporary = tempfile.tempdir or os.environ.get("TMPDIR", "")
     return UserError(
-        f"temporary folder {temporary}: {reason}; make room, name another folder in the environment variable TMPDIR, or "
+        f"temporary folder {temporary}: {reason}; free some space, name another folder in the environment variable TMPDIR, or "
         "ask for fewer particles or output times"
     )
 

@@ -89,7 +89,7 @@ def whole(folder: Path, run_id: str, fill: Callable[[Path], None], *, overwrite:
         file = f" at {os.path.basename(error.filename)}" if isinstance(error.filename, str) else ""
         raise UserError(
             f"output folder {folder}: cannot be written ({error.strerror or error}{file}), and nothing of this run was "
-            "written; make room, or name another with --out"
+            "written; free some space, or name another with --out"
         ) from error
 
 

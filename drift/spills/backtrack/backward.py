@@ -365,7 +365,9 @@ def count(origin: Origin) -> Count:
 
 def warnings(origin: Origin) -> list[str]:
     """Return warnings of what is not reliable in an origin."""
-    few_worlds = effective.sentence(count(origin), "after the finds", f"{ROUGH}; look for a find that fits no other")
+    few_worlds = effective.sentence(
+        count(origin), "after the finds", f"{ROUGH}; one find may contradict the rest: check each"
+    )
     told = [few_worlds] if count(origin).few else []
     return told + ([nothing_new(origin)] if information(origin) < LITTLE else [])
 
@@ -412,7 +414,7 @@ def dataset(origin: Origin) -> xr.Dataset:
         {
             "title": "Release of a spill, proposed by tracks back from its finds",
             "summary": "Where and when a spill may have been released, by cells and times: before and after its finds.",
-            "comment": "a proposal where to look; the forward posterior is the answer",
+            "comment": "rough backtrack; confirm with a forward run",
             "worlds": origin.worlds,
             "effective_worlds": origin.effective,
         },

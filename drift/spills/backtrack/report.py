@@ -28,6 +28,6 @@ def of(origin: Origin, finds: Sequence[Mark]) -> list[Leaf]:
         leaves.marked("Finds", finds, (), "find", frame=True),
         leaves.table(
             "Release", [("", "Figure", "words"), ("", "Value", "words")], rows=[[name.capitalize(), words] for name, words in text.facts(backward.summary(origin)).items()],
-            note="A proposal where to look: the answer is a forward run weighted by the finds.",
+            note="Rough backtrack; confirm with a forward run.",
         ),
     ]  # fmt: skip

@@ -87,16 +87,16 @@ def _cell(value: Any) -> str:
 def ours(row: Row) -> str:
     """Return whether a find is one of ours, in words."""
     if row["false"] == 0:
-        return "counted as from this spill (set false if that is unsure)"
+        return "counted as from this spill (set false if unsure)"
     return f"not from this spill: {notation.percent(row['none_of_ours'])}"
 
 
 def odd(told: Sequence[Row]) -> list[str]:
     """Return a warning of each find that was hardly to be expected where it was found."""
     return [
-        f'find {row["number"]} "{row["name"]}" ({notation.group(row["time"])}, {row["position"]}, {row["stretch"]}) is odd: '
-        f"the probability of the next find there was {notation.percent(row['probability_beforehand'])}, at places at "
-        f"most as likely {notation.percent(row['tail'])}; {ours(row)}; check it"
+        f'find {row["number"]} "{row["name"]}" ({notation.group(row["time"])}, {row["position"]}, {row["stretch"]}) is unlikely: '
+        f"the chance of a find there was {notation.percent(row['probability_beforehand'])}, at places at "
+        f"most as likely {notation.percent(row['tail'])}; {ours(row)}; check it, or set false = 0.1"
         for row in told
         if row["odd"]
     ]
@@ -111,5 +111,5 @@ def silence(period: Period, spill: Spill, until: float) -> str | None:
         return None
     time = period.start + np.timedelta64(round(until), "s")
     which = "spill.reporting.until" if spill.reporting.until is not None else "the last find or patrol"
-    what = "nothing besides these finds was reported" if spill.finds else "nothing was found or reported"
-    return f"{what} up to {notation.group(time)} ({which}): that silence is evidence too"
+    what = "no other reports" if spill.finds else "no finds or reports"
+    return f"{what} until {notation.group(time)} ({which}); that silence is evidence too"

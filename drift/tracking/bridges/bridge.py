@@ -98,7 +98,7 @@ def refuse_width(spread: float) -> None:
     if spread > WIDEST:
         raise ValueError(
             f"it strays by {spread / notation.NMI:,.0f} nmi (standard deviation), more than the {WIDEST / notation.NMI:,.0f} nmi that the "
-            "law is good for; lower the spread rate or the errors, or give way points in between"
+            "model is good for; lower the spread rate or the errors, or give way points in between"
         )
 
 
@@ -108,8 +108,8 @@ def refuse_antipodes(lon: Array, lat: Array) -> None:
     if apart.max(initial=0.0) > FARTHEST:
         k = int(np.argmax(apart))
         raise ValueError(
-            f"way points {k + 1} and {k + 2} are {np.degrees(apart[k]):.0f} degrees apart: the way between them is hardly "
-            f"told; give way points at most {np.degrees(FARTHEST):.0f} degrees apart"
+            f"way points {k + 1} and {k + 2} are {np.degrees(apart[k]):.0f} degrees apart: the track between them is hardly "
+            f"known; give way points at most {np.degrees(FARTHEST):.0f} degrees apart"
         )
 
 
@@ -146,7 +146,7 @@ def _refuse(lon: Array, lat: Array, time: Array, spread_rate: float, covariance:
     if np.abs(covariance - covariance.T).max() > tolerance:
         raise ValueError("covariance is not symmetric")
     if np.linalg.eigvalsh(covariance).min() < -tolerance:
-        raise ValueError("covariance has a negative variance in some direction: no errors are correlated so")
+        raise ValueError("covariance is not positive semi-definite: it has a negative variance in some direction")
 
 
 def ways(bridge: Bridge) -> Ways:

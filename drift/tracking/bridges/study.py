@@ -67,7 +67,7 @@ def answers(study: Study) -> Answers:
     notes = []
     if (rough := (bridges.widest(study.bridge) / sphere.RADIUS) ** 2) > ROUGH:
         notes.append(
-            f"it strays so far that the laws, which are of first order in that, are off by some {100 * rough:.0f} %"
+            f"it strays so far that the distributions, which are of first order in that, are off by some {100 * rough:.0f} %"
         )
     return Answers(study, position, areas, tuple(touches), tuple(notes))
 

@@ -87,7 +87,7 @@ def _sensor(sensor: Sensor, written: bool) -> str:
         f"to {notation.number(sensor.reach / NMI)} nmi, range +- {notation.hundredths(sensor.range_share)} %, {bearing}"
     )
     if sensor.hears:
-        return f"{words}; hears what radiates, its silence tells nothing"
+        return f"{words}; hears what radiates, its silence is no evidence"
     words = f"{words}; sweeps every {notation.number(sensor.interval)} s, {_on(sensor.on)}"
     silent = written and sensor.on.begin < math.inf
     return words + (
@@ -107,7 +107,7 @@ def _on(plan: Plan) -> str:
 def _method(method: Tracker) -> str:
     filling = method.filling
     return (
-        f"{_behaviour(method.behaviour)}; below {notation.hundredths(filling.partial)} % duplicated, below {notation.hundredths(filling.bulk)} % drawn anew by "
+        f"{_behaviour(method.behaviour)}; below {notation.hundredths(filling.partial)} % duplicated, below {notation.hundredths(filling.bulk)} % repopulated by "
         f"{filling.method} or lost"
     )
 

@@ -87,7 +87,7 @@ def test_a_hole_in_time_is_refused_with_its_times(
     """9 of 24 hours: once all were lost there in the middle of the run."""
     write(tmp_path / "sea.nc", WITH_HOLE)
     line = told(tmp_path, capsys, CASE, command=command)
-    assert "62% of it is covered, nothing from 210500ZNOV26 to 211400ZNOV26" in line
+    assert "no data from 210500ZNOV26 to 211400ZNOV26 (62% of the run is covered)" in line
     assert "another [[current]]" in line
 
 
@@ -99,7 +99,7 @@ def test_a_hole_that_another_source_covers_is_told(tmp_path: Path, capsys: pytes
     assert "nothing from 210500ZNOV26 to 211400ZNOV26, 9 h, where its times are else 1 h apart" in out
     assert "99 % adrift" in out or "100 % adrift" in out
     write(tmp_path / "whole.nc", np.arange(18))  # until 11 h: three of 24 hours are left
-    assert "87% of it is covered, nothing from 211100ZNOV26 to 211400ZNOV26" in told(tmp_path, capsys, text)
+    assert "no data from 211100ZNOV26 to 211400ZNOV26 (87% of the run is covered)" in told(tmp_path, capsys, text)
 
 
 def geodesic(lon1: float, lat1: float, lon2: float, lat2: float) -> float:

@@ -44,8 +44,8 @@ FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     "current file that holds a wind": (winds, "wind"),
     "NaN everywhere": (nothing_but_nan, "missing"),
     "absent units": (without_units, "units"),
-    "too early": (lambda path: field(hours=np.arange(-50, -30)).to_netcdf(path), ": 0% of it is covered"),
-    "ends halfway": (lambda path: field(hours=np.arange(7)).to_netcdf(path), ": 50% of it is covered"),
+    "too early": (lambda path: field(hours=np.arange(-50, -30)).to_netcdf(path), "(0% of the run is covered"),
+    "ends halfway": (lambda path: field(hours=np.arange(7)).to_netcdf(path), "(50% of the run is covered"),
     "elsewhere": (lambda path: field(west=120.0).to_netcdf(path), "no overlap"),
     "half of the prior outside": (lambda path: field(west=-88.0).to_netcdf(path), "53.6 % of the prior"),
 }

@@ -129,10 +129,7 @@ def test_a_path_is_written(contact: tuple[Regained, Path]) -> None:
     assert files.numbers(missed)["path"]["found"]
     near = files.numbers(found)["path"]["could_be_within_reach"]
     assert near > met[-1] / 100
-    assert (
-        f" % of the cloud within 5 nmi (of {100 * near:.0f} % that come where it could be), of another"
-        in text.facts(found)["path"]
-    )
+    assert f" % of the particles within 5 nmi (at most {100 * near:.0f} % are reachable); " in text.facts(found)["path"]
     route = ET.parse(out / "path.gpx").getroot().findall("g:rte/g:rtept", SPACE)
     assert [float(point.get("lat", "")) for point in route] == pytest.approx(lat, abs=1e-4)
 
@@ -312,7 +309,7 @@ def test_what_flees_reacts_to_the_path_and_what_another_vessel_does_not_matter_t
         ({"pursuit.lasting": "3 h"}, "pursuit: it would last until 050615ZMAR26, the case until 050415ZMAR26"),
         (
             {"pursuit.begin": "80 min"},
-            "pursuit: nobody says where the tracker is at 050320ZMAR26; give at, or another begin",
+            "pursuit: the tracker has no position at 050320ZMAR26; give at, or another begin",
         ),
         (
             {"pursuit.step": "90 min"},
@@ -636,15 +633,15 @@ def test_what_a_plot_leaves_of_the_cloud_is_told(tmp_path: Path) -> None:
     assert float(left["31"]) > 90
     assert [round(held / 60) for held in found.held.time[found.held.anew]] == [21]
     words = text.facts(found)
-    assert words["drawn anew"].startswith(
-        f"from the box of what was detected at 050021ZMAR26 ({100 * float(found.held.left[found.held.anew][0]):.2g} %), as fewer than bulk, 10 % of "
+    assert words["repopulated"].startswith(
+        f"at 050021ZMAR26 ({100 * float(found.held.left[found.held.anew][0]):.2g} %), because fewer than bulk, 10 % of "
     )
-    assert ": half of what is drawn takes any course" in words["drawn anew"]
+    assert ": half of the new particles take any course" in words["repopulated"]
     assert json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["track"]["drawn_anew"] == [
         {"time": "2026-03-05T00:21:00Z", "left": float(found.held.left[found.held.anew][0])}
     ]
     none = drift.track(tmp_path / "c.toml", changes={"method.0.fill": "position", "particles": "100", "sensor.1.bearing_ambiguity": "0.001"})  # fmt: skip
-    assert ": all of what is drawn takes any course" in text.facts(none)["drawn anew"]
+    assert ": all of the new particles take any course" in text.facts(none)["repopulated"]
     # Another plot at the second's time, all round from 2 to 2.6 nmi: of what that left and drew its share by weight, not by number.
     plots = (tmp_path / "d.csv").read_text(encoding="utf-8")
     (tmp_path / "d.csv").write_text(plots.replace("+21 min,radar", f"+11 min,sharp,,2.3,{there}\n+21 min,radar"), encoding="utf-8")  # fmt: skip
@@ -661,7 +658,7 @@ def test_what_a_plot_leaves_of_the_cloud_is_told(tmp_path: Path) -> None:
         plots.replace("radar,280,2,", "radar,100,4,").replace("eyes,,2,", "eyes,,4,"), encoding="utf-8"
     )
     kept = drift.track(tmp_path / "c.toml", changes={"method.0.bulk": "0.01"})
-    assert "drawn anew" not in text.facts(kept)
+    assert "repopulated" not in text.facts(kept)
     assert kept.held.left[np.searchsorted(kept.held.time, 1260)] == 1
 
 

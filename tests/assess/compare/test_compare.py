@@ -214,7 +214,7 @@ def test_a_grid_of_the_first_case_is_that_of_both(search: drift.Case) -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"start": "2026-11-21T01:00Z"}, "it begins at 210100ZNOV26, and trial.toml at 210000ZNOV26; make start alike"),
+        ({"start": "2026-11-21T01:00Z"}, "it begins at 210100ZNOV26, and trial.toml at 210000ZNOV26; make start equal"),
         ({"duration": "7 h"}, "it ends at 210700ZNOV26"),
         ({"output": {"every": "5 h"}}, "only one of it and trial.toml has an output at 210500ZNOV26; make"),
         ({"output": {"areas": [50, 90]}}, "its areas are 50, 90 %, those of trial.toml 50, 75, 95 %"),

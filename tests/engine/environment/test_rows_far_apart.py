@@ -68,7 +68,8 @@ def test_a_hole_in_a_file_is_refused_in_words_that_agree(tmp_path):
         drift.check(case(tmp_path, 'files = "wind.nc"'))
     (line,) = refused.value.lines
     assert "with gaps of more than 3 times its usual interval, which are not interpolated over" in line
-    assert "12% of it is covered, nothing from 212100ZNOV26 to 220900ZNOV26" in line
+    assert "no data from 212100ZNOV26 to 220900ZNOV26" in line
+    assert "(12% of the run is covered)" in line
     with_more = 'files = "wind.nc"\n[[wind]]\n' + rows((0, 24), (10, 10))  # the remedy
     assert "100 % adrift" in drift.check(case(tmp_path, with_more))["by the end"]
 

@@ -167,7 +167,7 @@ radius = "6 nmi"
     result = run(tmp_path, "combined", case=CASE + look)
     assert [update.filled for update in result.updates.all] == ["", "lost", "contact"]
     assert not result.updates.all[1].resampled  # what little is left is not multiplied
-    assert not any("count after" in warning for warning in result.summary["warnings"])  # what is placed anew counts
+    assert not any("effective after" in warning for warning in result.summary["warnings"])  # what is placed anew counts
     assert any("track is lost" in warning for warning in result.summary["warnings"])
     assert any('after contact "second"' in w and "a heuristic, no posterior" in w for w in result.summary["warnings"])
 

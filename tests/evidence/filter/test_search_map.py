@@ -149,7 +149,7 @@ def one(log_evidence, before):
 @pytest.mark.parametrize(
     ("odds", "text", "strength"),
     [
-        (1.1, "hardly tells", "beyond 1.10"),
+        (1.1, "hardly distinguishes", "beyond 1.10"),
         (2.0, 'for "a"', "2: weak"),
         (10.0, 'for "a"', "10: positive"),
         (1 / 10, 'against "a"', "1/10: positive"),

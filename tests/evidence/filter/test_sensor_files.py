@@ -197,7 +197,7 @@ def test_a_check_says_how_sensors_were_understood(written) -> None:
     lines = check._search(case)
     assert lines['look "dip"'] == "7 by 3 nmi about 51-24.0N 179-54.0W, 210212ZNOV26, cookie cutter, sees nothing"
     assert lines['barrier "picket"'].endswith("detection 0.6, reports 210424ZNOV26")
-    assert lines['line "sound"'] == "2 points; its first crossing is told"
+    assert lines['line "sound"'] == "2 points; its first crossing is reported"
 
 
 def test_a_line_without_first_crossings_has_no_times() -> None:

@@ -105,8 +105,8 @@ def test_the_summary_and_the_terminal(run: tuple[Result, Path]) -> None:
     assert list(stories["axes"]) == ["speed", "departure"]
     assert sum(value["prior"] for value in stories["axes"]["speed"].values()) == pytest.approx(0.75)
     words = outcome.forecast(told)
-    assert words["stories by departure"].count("before") == 3
-    assert words["stories that count"].startswith(f"{stories['effective']['posterior']:.3g} of 19")
+    assert words["scenarios by departure"].count("before") == 3
+    assert words["effective scenarios"].startswith(f"{stories['effective']['posterior']:.3g} of 19")
     values = told["posteriors"][-1]["quantities"]["scenario"]["values"]
     assert len(values) == 11
     assert sum(values.values()) == pytest.approx(1)
@@ -123,11 +123,11 @@ def test_the_picture_is_drawn_however_long_names_are(run: tuple[Result, Path], t
 
 
 def test_the_report_lists_few_rows(run: tuple[Result, Path]) -> None:
-    """Stories by rank and by axis; the table of what is believed has no rows of single stories."""
+    """Scenarios by rank and by axis; the table of what is believed has no rows of single stories."""
     found = {leaf["title"]: leaf for leaf in chapter._leaves(posteriors(run), ranking.of(posteriors(run)))}
-    assert len(found["Stories by rank"]["rows"]) == 19
-    assert len(found["Stories by axis"]["rows"]) == 9
-    assert "scenario" not in found["What is believed besides places"]["where"]["quantity"]
+    assert len(found["Scenarios by rank"]["rows"]) == 19
+    assert len(found["Scenarios by axis"]["rows"]) == 9
+    assert "scenario" not in found["Posteriors besides position"]["where"]["quantity"]
 
 
 def test_one_scenario_or_no_update_has_no_ranks(tmp_path: Path) -> None:

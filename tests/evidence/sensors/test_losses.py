@@ -282,7 +282,7 @@ BAD: dict[str, tuple[Table, dict[str, Any], str]] = {
     "place nowhere": (FOUR.but(places=(np.append(LON[:3], np.nan), LAT)), {}, "place 4 of 4 is at longitude nan"),
     "place beyond the pole": (FOUR.but(places=(LON, LAT + 60)), {}, "place 1 of 4 is at longitude -178, latitude 91 degrees"),
     "places all round": (
-        FOUR.but(places=(np.array([0.0, 90.0, 180.0, 270.0]), np.zeros(4))), {}, "lie all round the Earth"
+        FOUR.but(places=(np.array([0.0, 90.0, 180.0, 270.0]), np.zeros(4))), {}, "surround the globe"
     ),
 }  # fmt: skip
 

@@ -125,5 +125,5 @@ def test_weights_are_shares() -> None:
 
 def test_places_all_round_the_earth_are_refused() -> None:
     made = of_values(np.arange(4.0), np.array([0.0, 90.0, 180.0, -90.0]), np.zeros(4))
-    with pytest.raises(UserError, match="made: its places lie all round the Earth"):
+    with pytest.raises(UserError, match="made: its points surround the globe"):
         losses.between(made, 0.0, 0.0)

@@ -113,8 +113,8 @@ def test_check_says_what_survival_was_understood(tmp_path: Path) -> None:
     path = tmp_path / "case.toml"
     path.write_text(CASE.format(particles=100, more=""))
     understood = check.check(drift.load(path))
-    assert "alive: median 3.17 h, factor 3 of a standard deviation (Hayward" in understood['scenario "swimmer"']
-    assert "alive: median 20 h, factor 1.7" in understood['scenario "raft"']
+    assert "alive: median 3.17 h, 68 % between 1/3 and 3 times that (Hayward" in understood['scenario "swimmer"']
+    assert "alive: median 20 h, 68 % between 1/1.7" in understood['scenario "raft"']
 
 
 def chance_alive(median: float, spread: float, window: float, time: float) -> float:
@@ -341,7 +341,7 @@ def test_days_on_a_held_map_bear_no_error_and_no_panel_is_empty(
         assert any(isinstance(one, ErrorbarContainer) for one in axes[-1].containers) == planned
         notes = " ".join(text.get_text() for text in drawn[-1].texts)
         assert ("no scenario has survival times" in notes) == (not mortal)
-        assert ("held still" in notes) == (not planned)
+        assert ("drift is ignored" in notes) == (not planned)
 
 
 def test_survival_times_alone_are_told_from_the_start(tmp_path: Path) -> None:

@@ -252,15 +252,15 @@ def test_each_term_must_last_as_long_as_the_run_and_its_holes_are_told(
     fields[1].isel(time=slice(0, 40)).to_netcdf(folder / "short.nc")
     short = TIDE.replace("tide.nc", "short.nc")
     with pytest.raises(
-        UserError, match=r'current "tide" lasts from 211800ZNOV26 to 220700ZNOV26.* 54% of it .* add = true'
+        UserError, match=r'current "tide" lasts from 211800ZNOV26 to 220700ZNOV26.*54% of the run .* add = true'
     ):
         drift.run(case_of(folder, RESIDUAL + short))
     fields[0].isel(time=slice(0, 5)).to_netcdf(folder / "first.nc")
-    with pytest.raises(UserError, match=r'current "residual" lasts from .* 50% of it is covered.* or add another'):
+    with pytest.raises(UserError, match=r'current "residual" lasts from .*50% of the run is covered.* or add another'):
         drift.run(case_of(folder, RESIDUAL.replace("residual.nc", "first.nc") + TIDE))
     fields[1].isel(time=[*range(30), *range(45, 74)]).to_netcdf(folder / "holed.nc")
     holed = RESIDUAL + TIDE.replace("tide.nc", "holed.nc")
-    with pytest.raises(UserError, match=r"nothing from 220340ZNOV26 to 220900ZNOV26.* add = true"):
+    with pytest.raises(UserError, match=r"no data from 220340ZNOV26 to 220900ZNOV26.* add = true"):
         check.check(case_of(folder, holed))
     told = check.check(case_of(folder, holed, max_lost="1.0"))
     assert "no values between 220340ZNOV26 and 220900ZNOV26" in told["current tide"]

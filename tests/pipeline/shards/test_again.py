@@ -213,7 +213,7 @@ def test_what_a_run_follows_from_is_asked(
 
 
 def test_nothing_to_go_on_with(case: drift.Case) -> None:
-    with pytest.raises(UserError, match="without out nothing is kept"):
+    with pytest.raises(UserError, match="needs out: without an output folder"):
         drift.run(case, resume=True)  # type: ignore[call-overload]
 
 

@@ -127,7 +127,7 @@ def test_another_backend_begins_anew_and_says_so(tmp_path: Path, caplog: pytest.
     with shelf.opened(out, mark, 0):
         assert "1 shards of this run were finished before: it goes on from there" in caplog.text
     with shelf.opened(out, {**mark, work.BACKEND: "cuda: Card, CUDA 12.6"}, 0) as kept:
-        assert "an unfinished run is there, but the backend changed since: it begins anew" in caplog.text
+        assert "an unfinished run is there, but the backend changed since: it starts again" in caplog.text
         assert not list(kept.folder.glob("shard-*"))
 
 

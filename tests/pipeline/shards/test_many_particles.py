@@ -54,7 +54,7 @@ def test_what_is_needed(tmp_path):
 def test_no_room_is_refused_before_anything_is_drawn(tmp_path, full_disk):
     begun = time.process_time()
     with pytest.raises(
-        UserError, match=r"the particles at all output times need .* GiB, and it has room for 953.7 MiB; make room"
+        UserError, match=r"the particles at all output times need .* GiB, and 953.7 MiB are free; free some space"
     ):
         drift.run(case_file.load(written(tmp_path, 10**9)), out=tmp_path / "out")
     assert time.process_time() - begun < 30  # [s]; to draw them once takes minutes

@@ -293,7 +293,7 @@ def test_another_case_begins_anew_and_says_what_changed(
         drift.run(case, out, shards=4, report=stopping(0.6))
     other = drift.vary(case, {"seed": 78})
     done = drift.run(other, out, shards=4)
-    assert "an unfinished run is there, but the case and the seed changed since: it begins anew" in caplog.text
+    assert "an unfinished run is there, but the case and the seed changed since: it starts again" in caplog.text
     runs.same(done, drift.run(other))
 
 
@@ -338,7 +338,7 @@ def test_a_full_disk_keeps_what_is_finished(
     out = tmp_path / "out"
     usage = work.shutil.disk_usage
     monkeypatch.setattr(work.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 999})())
-    with pytest.raises(drift.UserError, match=r"need 1\.8 MiB, and it has room for 0\.0 MiB"):
+    with pytest.raises(drift.UserError, match=r"need 1\.8 MiB, and 0\.0 MiB"):
         drift.run(case, out, shards=4)
     monkeypatch.setattr(work.shutil, "disk_usage", usage)
     keep = work.Reel._keep

@@ -351,7 +351,7 @@ def test_a_stretch_whose_begin_is_gone_begins_anew(
     monkeypatch.setattr(unit.Unit, "_fill", lambda *given: (filled.append(given[0].stretch), fill(*given))[1])
     with caplog.at_level(logging.WARNING, "drift"):
         same(whole, drift.run(case, out, shards=3))
-    assert "it begins anew" in caplog.text
+    assert "it starts again" in caplog.text
     assert filled.count(0) == 3
 
 

@@ -128,7 +128,7 @@ def test_without_room_for_them_shards_read_for_themselves(
     monkeypatch.setattr(work.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": room})())
     with caplog.at_level(logging.WARNING, "drift"), pytest.raises(Stopped):
         drift.run(case, out, shards=4, report=half)
-    assert "no room for the forcing as it is sampled" in caplog.text
+    assert "no space to cache the regridded forcing" in caplog.text
     assert not slices_of(out)
     monkeypatch.undo()
     monkeypatch.setattr(flow, "write", lambda *given, **more: None)

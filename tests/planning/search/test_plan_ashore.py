@@ -61,7 +61,7 @@ def test_legs_are_spent_on_what_is_afloat(tmp_path: Path) -> None:
     assert made.pos_ashore < 0.3 / 10  # no more than what lands while the unit is there: it was seen before
     assert not task.sortie.ashore
     words = text.stranded(made)
-    assert "units look for what is afloat alone" in words
+    assert "this plan covers only what is afloat" in words
     assert " ".join(words.split()[:5]) in " ".join((tmp_path / "out" / "plan.txt").read_text().split())
     # What it is worth is one less the evidence of executing it, as written for the case.
     (tmp_path / "flown.toml").write_text(
@@ -76,4 +76,4 @@ def test_units_that_see_the_shore_are_sent_there(tmp_path: Path) -> None:
     assert made.pos > 1 - made.ashore  # more than all that is afloat
     assert made.pos_ashore > 0.5 * made.pos
     assert made.taskings[0].pos_ashore == made.pos_ashore
-    assert "of the POS is of what lies there" in text.stranded(made)
+    assert "of the POS is for stranded objects" in text.stranded(made)

@@ -155,9 +155,9 @@ def test_one_reason_of_a_wait_is_told():
     plan = replace(plan, spec=replace(plan.spec, begin=ready))
     late = replace(first, unit=replace(first.unit, ready=ready), waits="for daylight")
     told = block(plan_text.text(replace(plan, taskings=(late,)), "Overdue boat", "run-s1"), "A-1")
-    assert line(told, "Waits").split("Waits")[1].strip() == "3.0 h after it is ready: for daylight"
+    assert line(told, "Departs").split("Departs")[1].strip() == "3.0 h after it is ready: for daylight"
     soon = replace(late, unit=replace(first.unit, ready=first.takeoff))
-    assert "Waits" not in plan_text.text(replace(plan, taskings=(soon,)), "Overdue boat", "run-s1")
+    assert "Departs" not in plan_text.text(replace(plan, taskings=(soon,)), "Overdue boat", "run-s1")
 
 
 def test_pod_is_a_table_with_whole_names():
@@ -200,9 +200,9 @@ def test_a_third_digit_tells_a_plan_from_its_bound():
 
 
 def test_where_there_is_no_bound_no_figure_stands_for_it():
-    plan = replace(searches.plan(), bound=None, unbounded="only 312 particles count, too few to tell")
+    plan = replace(searches.plan(), bound=None, unbounded="only 312 effective particles, too few to judge this plan")
     text = " ".join(plan_text.text(plan, "Overdue boat", "run-s1").split())
-    assert "POS 0.46; no bound: only 312 particles count, too few to tell" in text
+    assert "POS 0.46; no bound: only 312 effective particles, too few to judge this plan" in text
     assert "estimated" not in text
     assert "Bound" not in text
 

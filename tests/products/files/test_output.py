@@ -402,7 +402,7 @@ def test_a_full_disk_leaves_nothing(tmp_path, monkeypatch, trouble):
         raise trouble
 
     monkeypatch.setattr(xr.Dataset, "to_netcdf", full)
-    with pytest.raises(UserError, match=r"cannot be written \(.*make room"):
+    with pytest.raises(UserError, match=r"cannot be written \(.*free some space"):
         write_little(tmp_path / "above" / "out")
     assert list(tmp_path.iterdir()) == []
 

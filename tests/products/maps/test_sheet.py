@@ -27,7 +27,7 @@ def test_words_stand_where_the_sheet_says_and_keep_apart(tmp_path: Path, caution
     on = sheet.begin(SHEET)
     imprint = Imprint(LONG, "casp-drift " * 30, {"case": "Bjørnøya"}, caution)
     sheet.head(on, imprint, "first line", "a second line that is longer than it may be")
-    sheet.rough(on, "ONLY 3 of 5,000 particles count")
+    sheet.rough(on, "ONLY 3 of 5,000 particles are effective")
     sheet.say(on, sheet.warning(0.6, 9), "1.2 % of the probability is not on the map")
     sheet.end(on, tmp_path / "a.png", imprint, "another title")
     texts = {text.get_text(): text for text in on.figure.texts}

@@ -133,7 +133,7 @@ def test_it_opens_without_a_request_or_a_complaint(browser: Any, results: Path) 
         assert opened.complaints == []
         assert opened.page.locator("h1").inner_text() == f"Taveuni {NASTY}"
         assert opened.page.locator("img").count() == 0
-        assert opened.page.locator("#story option").all_inner_texts() == ["All stories", f"raft {NASTY}", "swimmer"]
+        assert opened.page.locator("#story option").all_inner_texts() == ["All scenarios", f"raft {NASTY}", "swimmer"]
 
 
 def test_nothing_can_be_fetched(browser: Any, results: Path) -> None:

@@ -146,7 +146,7 @@ def test_outlines_enclose_the_areas_that_they_name(tmp_path, seen, lon):
 
 def test_few_effective_worlds_are_warned_of(tmp_path, seen):
     origin_map.draw(release(-95.0, 29.0, effective=3.2), tmp_path / "origin.png", Setting(Imprint("T")))
-    assert any(text.startswith("ONLY 3 OF 500 WORLDS COUNT: ") for text in words(seen[0]))
+    assert any(text.startswith("ONLY 3 OF 500 WORLDS ARE EFFECTIVE: ") for text in words(seen[0]))
     chart = seen[0].axes[0]
     wanted, drawn = chart.get_position(original=True), chart.get_position()
     np.testing.assert_allclose(drawn.bounds, wanted.bounds, atol=1e-3)  # the frame fits the room that the banner leaves

@@ -54,8 +54,8 @@ def test_every_odd_find_is_a_warning_wherever_warnings_stand(told, tmp_path: Pat
         (words,) = (line for line in warnings if f'"{name}"' in line)
         assert place in words
         assert verdict_on_it in words
-        assert "is odd" in words
-        assert "next find there was 0 %, at places" in words  # it is exactly 0
+        assert "is unlikely" in words
+        assert "chance of a find there was 0 %, at places" in words  # it is exactly 0
         assert any(line == words for line in outcome.numbers(summary(folder))["warnings"])
         assert words in summary(folder)["spill"]["warning"]
         assert words in drift.export(folder, "kml", tmp_path / f"kml-{name}")[0].read_text()
@@ -85,8 +85,8 @@ def test_that_silence_is_evidence_is_told_where_the_figures_stand(told, monkeypa
     result, folder = told
     words = renewal.silence(result.aftermath)
     assert words is not None
-    assert "nothing besides these finds was reported up to 222200ZNOV26 (the last find or patrol)" in words
-    assert outcome.spill(summary(folder))["taken for granted"] == words
+    assert "no other reports until 222200ZNOV26 (the last find or patrol)" in words
+    assert outcome.spill(summary(folder))["assumed"] == words
     assert words in (folder / "report.html").read_text()
     written: list[str] = []
     draw = Figure.text
@@ -111,7 +111,7 @@ def test_a_range_is_told_before_the_mean_and_its_own_error(told) -> None:
     low, _, high = data["total_number"].values
     mean, error = float(data["total"]), float(data["total_se"])
     assert facts["ashore"] == (
-        f"{low:.0f} to {high:.0f} objects (10 to 90 %), {mean:.1f} on average (Monte Carlo error of that mean {error:.2g})"
+        f"{low:.0f} to {high:.0f} objects (10 to 90 %), mean {mean:.1f} +- {error:.2g} (sampling)"
     )
     assert np.isclose(result.summary["spill"]["totals"]["ashore"]["number_90"], high)
 

@@ -11,7 +11,7 @@ from drift.apps.cli import commands
 from drift.case.tracking import tracking
 from drift.tracking.tracker import said
 
-CASES = Path(__file__).parents[2] / "cases" / "tracking"
+CASES = Path(__file__).parents[3] / "cases" / "tracking"
 
 
 @pytest.mark.parametrize("name", tracking.shipped())

@@ -39,7 +39,7 @@ _COLUMNS = (
     Column("phase_end", np.int32, NEVER, "s", "when its phase is over, where a time says so"),
     Column("course", np.float32, 0, "rad", "its course, where it keeps one, clockwise from north"),
     Column("speed", np.float32, 0, "m/s", "its speed, where one is drawn"),
-    Column("set_lon", np.int32, 0, "binary angle", "how far the current has set it east of its reckoned place"),
+    Column("set_lon", np.int32, 0, "binary angle", "how far the current has set it east of its dead-reckoned place"),
     Column("set_lat", np.int32, 0, "binary angle", "the same, north"),
     Column("set_rate_lon", np.float32, 0, "binary angle/s", "how fast it sets it east"),
     Column("set_rate_lat", np.float32, 0, "binary angle/s", "the same, north"),

@@ -69,7 +69,9 @@ def coverage_of(law: Law, chance: float) -> float:
     if (inverse := of(law).coverage) is not None:
         return inverse(law, chance)
     if pod(law, MOST) <= chance:
-        raise ValueError(f"this law reaches a POD of {float(pod(law, MOST)):.3g} at most, not {chance:g}")
+        raise ValueError(
+            f"this detection function reaches a POD of {float(pod(law, MOST)):.3g} at most, not {chance:g}"
+        )
     from scipy import optimize  # imported here, since most cases search nothing and it takes a third of a second
 
     return float(optimize.brentq(lambda c: float(pod(law, c)) - chance, 0.0, MOST, xtol=1e-12))

@@ -123,7 +123,7 @@ def words(update: Update, before: Array, scenarios: tuple[str, ...]) -> tuple[st
     size = max(factor, 1 / factor)
     strength = next(word for limit, word in STRENGTH if size < limit or limit == math.inf)
     if not strength:
-        return "hardly tells the scenarios apart", f"no Bayes factor beyond {size:.2f}"
+        return "hardly distinguishes the scenarios", f"no Bayes factor beyond {size:.2f}"
     figure = f"{size:.3g}" if size < 999.5 else labels.number(min(size, HUGE))
     if factor > 1:
         side, figure = "for", figure if size < HUGE else f"over {figure}"

@@ -50,8 +50,8 @@ def _cause(update: Update, contacts: Sequence[Contact]) -> str:
 def _placed(update: Update) -> str:
     """Return a warning of the first update after which particles were placed anew."""
     return (
-        f"Particles were placed anew {after(update)}, as [resampling] asks: a heuristic, no posterior. Areas and shares from then on are "
-        "rough; what is told of speed and course is of those before"
+        f"Particles were repopulated {after(update)}, as [resampling] asks: a heuristic, no posterior. Areas and shares from then on are "
+        "rough; speed and course are of the particles before"
     )
 
 
@@ -59,7 +59,7 @@ def _lost(update: Update) -> str:
     """Return a warning of an update that lost the track."""
     return (
         f"The track is lost {after(update)}: it leaves fewer particles than [resampling] bulk. Maps after it show what little is "
-        "left, until a contact places particles anew; search wider, or give a smaller bulk"
+        "left, until a contact repopulates them; search wider, or give a smaller bulk"
     )
 
 

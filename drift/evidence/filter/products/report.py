@@ -59,7 +59,7 @@ def _updates(planned: bool) -> Leaf:
         ("time", "Time", "time"), ("name", "What", "words"), ("kind", "Kind", "words"),
         *([("status", "Status", "words")] if planned else []), ("pod", "POD", "share"), ("poc", "POC", "share"),
         ("pos", "POS", "share"), ("pos_ashore", "of it ashore", "share"), ("pos_cumulative", "POS so far", "share"), ("log_evidence", "ln evidence", "number"),
-        ("ess_after", "Particles that count after", "count"),
+        ("ess_after", "Effective particles after", "count"),
     ]  # fmt: skip
     note = "POD: of those inside; POC: probability that it was inside; POS: that it was found. In order of time."
     return leaves.table(
@@ -75,10 +75,10 @@ def _updates(planned: bool) -> Leaf:
 def _scenarios(updates: Updates) -> Leaf:
     """Return the probability of each scenario before and after each update."""
     of_shown = together(updates)
-    columns = [("", "Story", "words"), ("", "Before", "share")]
+    columns = [("", "Scenario", "words"), ("", "Before", "share")]
     columns += [("", f"{notation.day_time(update.time)} {update.name}", "share") for update in of_shown.all]
     rows = [
         [name, float(of_shown.prior[k]), *(float(update.posterior[k]) for update in of_shown.all)]
         for k, name in enumerate(of_shown.scenarios)
     ]
-    return leaves.table("Stories", columns, rows=rows, note="Probability of each story after what was done and seen.")
+    return leaves.table("Scenarios", columns, rows=rows, note="Probability of each scenario after each update.")

@@ -51,7 +51,7 @@ def text(
     for name, tasking in zip(names, plan.taskings, strict=True):
         if tasking.round != number and plan.spec.rounds > 1:
             number = tasking.round
-            later = ", planned on the failure of all before: plan anew with what was flown and seen"
+            later = ", planned as if all before fail: plan again with what was flown and seen"
             lines += ["", *_fill(f"Round {number}{later if number > 1 else ''}", 3)]
         lines += ["", *task(plan, name, tasking)]
     if not plan.taskings:
@@ -74,8 +74,8 @@ def warnings(plan: Plan, synthetic: bool) -> list[str]:
         lines.append("SYNTHETIC wind or current. NOT FOR OPERATIONS.")
     if plan.seen - plan.value > OPTIMISTIC:
         lines.append(
-            f"the plan scored {plan.seen:.3f} on the particles that it was made on, {plan.value:.3f} on others: "
-            "it fits chance. Plan with more particles."
+            f"overfitted: the plan scored {plan.seen:.3f} on the particles that it was made on, {plan.value:.3f} on others. "
+            "Plan with more particles."
         )
     lines += [
         f"{other.name}: finds {-other.difference:.3f} +- {other.standard_error:.3f} more than this plan, of the particles "
@@ -119,10 +119,10 @@ def stranded(plan: Plan) -> str:
     """Return what becomes of what lies ashore: how likely that is, and whether the plan looks for it; "" for nothing."""
     if max(plan.ashore, plan.pos_ashore) < TOLD_ASHORE:
         return ""
-    lies = f"it lies ashore with {notation.percent(plan.ashore)} when the plan begins"
+    lies = f"{notation.percent(plan.ashore)} probability that it is stranded when the plan begins"
     if plan.spec.ashore:
-        return f"{lies}; {notation.probability(plan.pos_ashore)} of the POS is of what lies there as a unit passes"
-    return f"{lies}; units look for what is afloat alone (ashore = true in [plan]: they see the shore), have the shore searched"
+        return f"{lies}; {notation.probability(plan.pos_ashore)} of the POS is for stranded objects that a unit passes"
+    return f"{lies}; this plan covers only what is afloat: send a shore party, or set ashore = true in [plan]"
 
 
 def _share(value: float) -> str:
@@ -144,9 +144,9 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
         rows.append(("Ashore", words))
     if plan.bound:
         bound = (
-            "An estimate: no plan of these units, laws and times is expected to find more than "
+            "An estimate: no plan of these units, detection functions and times is expected to find more than "
             f"{_up(plan.bound, 3):.3f} of the particles that this one was made on. It finds {plan.seen:.3f} of those: "
-            f"{100 * plan.seen / plan.bound:.0f} %. The particles that its worth is told of are others: two standard "
+            f"{100 * plan.seen / plan.bound:.0f} %. Its worth is estimated on other particles: two standard "
             f"errors of sampling are {_up(2 * plan.bound_error, 3):.3f}"
         )
         rows.append(("Bound", bound))
@@ -169,7 +169,7 @@ def _table(plan: Plan, names: Sequence[str]) -> list[str]:
         lines.append(
             f"   {name:6}{unit:24}{times[0]:9}{times[1]:10}{times[2]:9}{times[3]:9}{notation.probability(tasking.pos):>5}"
         )
-    return [*lines, *_fill("POS: of each, given that all before it in this list have failed", 3)]
+    return [*lines, *_fill("POS: of each unit, conditional on the failure of those before it in this list", 3)]
 
 
 def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
@@ -213,7 +213,7 @@ def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
     waits = float((tasking.takeoff - max(unit.ready, plan.spec.begin)) / np.timedelta64(1, "h"))
     if waits >= LONG_WAIT:
         why = f": {tasking.waits}" if tasking.waits else ""
-        rows.append(("Waits", f"{waits:.1f} h after it is ready{why}"))
+        rows.append(("Departs", f"{waits:.1f} h after it is ready{why}"))
     rows += [
         ("Takeoff", f"{notation.group(tasking.takeoff)}   from {notation.stated_position(*unit.base)}"),
         ("On scene", notation.group(tasking.on_scene) + ("   at the CSP" if sortie.legs else "")),

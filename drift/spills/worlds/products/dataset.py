@@ -53,7 +53,7 @@ SUMMARY = (
 ERROR = "standard error, from the number of worlds and of particles, of the "
 ERRORS_MEAN = (
     "errors of means and probabilities hold what worlds that were not seen leave open (drift.spills.worlds.estimate.unseen); "
-    "NaN: too few worlds to tell"
+    "NaN: too few worlds to judge"
 )
 
 

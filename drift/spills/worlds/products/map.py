@@ -167,7 +167,7 @@ def draw(
     for k, line in enumerate(warned):
         sheet.say(on, sheet.warning(0.879 - LINE * k, 7.5, LETTERS, "center"), line)
     if silence:
-        sheet.say(on, sheet.small(0.0245, 7.5, 230), f"Taken for granted: {silence}")
+        sheet.say(on, sheet.small(0.0245, 7.5, 230), f"Assumed: {silence}")
     sheet.end(on, path, setting.imprint)
 
 
@@ -386,7 +386,7 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
         (
             1.385,
             "right",
-            "± MC error",
+            "+- sampling",
             [f"{v:.2g}" if np.isfinite(v) else "" for v in at["expected_se"].values[-1]],
         ),
         (1.54, "right", "At least one", [notation.percent(v) for v in at["probability"].values[-1]]),
@@ -433,8 +433,8 @@ def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
     figure.text(
         0.7,
         0.047,
-        "Times: of the simulated spills in which any arrives there. MC\n"
-        "error: Monte Carlo error of the expected number, no range.\n"
+        "Times: of the simulated spills in which any arrives there. After\n"
+        "+-: sampling error of the expected number, no range.\n"
         f"Not drawn: what any object reaches with under {100 * LEAST:g} %, but of few.",
         fontsize=7.5,
         color=GREY,

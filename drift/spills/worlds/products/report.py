@@ -8,7 +8,7 @@ from drift.products.report.leaves import Leaf
 
 TOLD = [
     ("name", "Stretch", "words"), ("access", "Access", "words"), ("number_10", "Objects at the end: 10 % chance of at most", "number"),
-    ("number_90", "90 % chance of at most", "number"), ("expected", "On average", "number"), ("expected_se", "± (Monte Carlo error of the average)", "number"),
+    ("number_90", "90 % chance of at most", "number"), ("expected", "On average", "number"), ("expected_se", "+- of the average (sampling)", "number"),
     ("ever", "Any ever, of those not found", "share"),
     ("first_50", "First arrival, median", "time"),
 ]  # fmt: skip
@@ -21,13 +21,13 @@ FINDS = [
 ]  # fmt: skip
 BEFOREHAND = (
     "Expected there: the probability, by all that was known before, that the next find is on that stretch (at sea: within its "
-    "radius). Or where less likely: that it is on a stretch at most as likely; under 2 % it is odd. None of ours: 0 where the case gives no probability of being `false`. "
+    "radius). Or where less likely: that it is on a stretch at most as likely; under 2 % it is unlikely. None of ours: 0 where the case gives no probability of being `false`. "
 )
 
 
 def of(finds: Sequence[Mark], silence: str | None) -> list[Leaf]:
     """Return the leaves of a spill and its finds; silence: what is taken for granted about what was not found."""
-    words = f"Taken for granted: {silence}." if silence else ""
+    words = f"Assumed: {silence}." if silence else ""
     shown = [leaves.marked("Finds", finds, (), "find")] if finds else []
     listed = [leaves.table("Finds, one by one", FINDS, file="finds.csv", note=BEFOREHAND + words)] if finds else []
     quiet = [leaves.text("What was not found", words=words)] if silence and not finds else []
@@ -52,7 +52,7 @@ def of(finds: Sequence[Mark], silence: str | None) -> list[Leaf]:
             "Account of all objects",
             [
                 ("time", "Time", "time"), ("fate", "Fate", "words"), ("number_10", "10 % chance of at most", "number"), ("number_50", "50 %", "number"),
-                ("number_90", "90 %", "number"), ("expected", "On average", "number"), ("expected_se", "± (Monte Carlo error of the average)", "number"),
+                ("number_90", "90 %", "number"), ("expected", "On average", "number"), ("expected_se", "+- of the average (sampling)", "number"),
             ],
             file="totals.csv",
             by_time="time",
