@@ -22,7 +22,7 @@ from scipy import stats
 
 import drift
 from drift.engine.motion import simulate, spool
-from drift.engine.motion.spool import Spool
+from drift.engine.motion.spool import SnapshotStore
 from drift.pipeline import run_setup
 from drift.spills.worlds import evidence, finds, renewal, strandings
 from drift.spills.worlds.fates import Fates
@@ -58,9 +58,11 @@ def bank(seed: int, worlds: int) -> Bank:
     book = strandings.Landings(begin.ensemble, False)
     outputs = case.period.seconds(case.outputs)
     moments = simulate.run(begin.ensemble, begin.scene, begin.clock, outputs, watch=book.watch)
-    segments = evidence.cut(case.spill, where.coast)
-    with Spool.of_run(case.period, begin.ensemble, moments, len(outputs), worlds=True, more=book.note) as snapshots:
-        known = evidence.build(case.period, case.spill, segments, where.coast, begin.worlds)
+    segments = evidence.cut_stretches(case.spill, where.coast)
+    with SnapshotStore.of_run(
+        case.period, begin.ensemble, moments, len(outputs), worlds=True, more=book.note
+    ) as snapshots:
+        known = evidence.build_evidence(case.period, case.spill, segments, where.coast, begin.worlds)
         spool.PART = 2**40  # all worlds in one part
         (fates,) = renewal.kept(case.period, case.spill, snapshots, segments, known).parts()
     begin.scene.forcing.close()
@@ -158,7 +160,7 @@ def main() -> None:
     end = made.case.period.duration
     rng = np.random.default_rng(5)
     spills = truths(true, rng, end)
-    known = evidence.build(made.case.period, made.case.spill, made.segments, made.coast, made.worlds)
+    known = evidence.build_evidence(made.case.period, made.case.spill, made.segments, made.coast, made.worlds)
     known = replace(known, reporting=replace(known.reporting, rate=known.reporting.rate * given.wrong))
     print(f"drifted in {time.perf_counter() - begin:.0f} s", flush=True)
     shown: dict[str, list[float]] = {}

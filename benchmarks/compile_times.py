@@ -56,7 +56,7 @@ KEY = (1, 0)
 def coast() -> device_coast.DeviceCoast:
     """Return an island off which the particles lie."""
     land = Shore(np.array([shapely.box(0.1, -1.4, 1.4, 1.4)], object), "test", (), BOX)
-    return device_coast.upload(shoreline.build(land, BOX))
+    return device_coast.upload(shoreline.build_coast(land, BOX))
 
 
 def ensemble() -> record.Ensemble:

@@ -39,7 +39,7 @@ from drift.engine.motion import simulate
 from drift.engine.motion.forcing import Forcing
 from drift.engine.motion.scene import Scene
 from drift.evidence.filter.exposure import SortieExposure
-from drift.evidence.filter.filter import Search
+from drift.evidence.filter.filter import SearchFilter
 from kernels.runtime import runtime, taichi_inside
 from kernels.runtime.dtypes import KINDS
 from kernels.step.sample import Tiles
@@ -93,7 +93,7 @@ def observe(meter: Meter) -> None:
     meter.part(Scene, "advance", lambda _, e, *more, keep=False: f"{STEPS[keep]}, {e.n:,}")
     meter.part(simulate, "_moment", lambda e, *_: f"an output, {e.n:,}")
     meter.part(SortieExposure, "expose", lambda _, e, *__, **___: f"a sortie over a step, {e.n:,}")
-    meter.part(Search, "take_effect", lambda own, *_: f"the end of a sortie, {own.ensemble.n:,}")
+    meter.part(SearchFilter, "take_effect", lambda own, *_: f"the end of a sortie, {own.ensemble.n:,}")
 
 
 def through_taichi() -> Counts:

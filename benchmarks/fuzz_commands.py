@@ -273,7 +273,7 @@ def held(out: Path | None) -> dict[str, int] | None:
     """Return names and sizes of results that are whole; None where there are none."""
     from drift.products.files import manifest
 
-    listed = None if out is None else manifest.read(out)
+    listed = None if out is None else manifest.read_manifest(out)
     if out is None or listed is None:
         return None
     sizes = {entry.name: entry.size for entry in listed.files}

@@ -166,13 +166,15 @@ def tried(whole: Path, folder: Path, rng: random.Random) -> tuple[str, str]:
     """
     copy = folder / "result"
     shutil.copytree(whole, copy)
-    names = [entry.name for entry in manifest.read(copy).files]
+    names = [entry.name for entry in manifest.read_manifest(copy).files]
     some = [name for name in sorted(names) if name.endswith(SUFFIXES)]
     read = [name for name in some if name in READ]
     victim = copy / rng.choice(read if rng.random() < 0.9 else some)
     how = f"{victim.name} {damaged(victim, rng)}"
-    found = manifest.read(whole)
-    (copy / manifest.NAME).write_text(manifest.text(manifest.of(found.run_id, [copy / name for name in names])))
+    found = manifest.read_manifest(whole)
+    (copy / manifest.NAME).write_text(
+        manifest.manifest_text(manifest.manifest_of(found.run_id, [copy / name for name in names]))
+    )
     return how, str(copy)
 
 

@@ -101,11 +101,11 @@ def main() -> None:
         tracks, ships = case(seed, given.particles, given.hours)
         seas = [ways.sea(ship, BEGIN, float(tracks.time[-1])) for ship in ships]
         wall, used = time.perf_counter(), time.process_time()
-        plan = placement.place(seas, tracks, seed)
+        plan = placement.best_ways(seas, tracks, seed)
         wall, used = time.perf_counter() - wall, time.process_time() - used
         found = placement_bound.bound(seas, tracks, plan)
         one = ways.sea(replace(ships[0], legs=1), BEGIN, float(tracks.time[-1]))
-        share = placement.place([one], tracks, seed).value / brute(one, tracks)
+        share = placement.best_ways([one], tracks, seed).value / brute(one, tracks)
         table.add_row(
             str(seed),
             f"{wall:.1f}",

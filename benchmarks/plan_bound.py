@@ -36,7 +36,7 @@ from steered_cases import case as steered
 from drift.case.record import Case
 from drift.engine.motion.scenario import Survival
 from drift.evidence.filter.records import Law, PlanSpec, Unit
-from drift.pipeline.run_options import Options, opened
+from drift.pipeline.run_options import Options, open_job
 from drift.planning.search import bins, bound, follow, optimiser, planner
 from drift.planning.search import planning_tracks as record
 from drift.planning.search.planning_tracks import Tracks
@@ -137,7 +137,7 @@ def aimed(case: Case, tracks: Tracks, goal: float) -> Case:
 def move(number: int, options: argparse.Namespace) -> dict[str, object]:
     """Return what a random case that moves comes to: planned, executed, bounded, searched by hand."""
     made, data, told, goal = (steered if options.steered else moving)(number, options.particles)
-    job = opened(made, Options(datasets={} if data is None else {"field": data}, threads=options.threads))
+    job = open_job(made, Options(datasets={} if data is None else {"field": data}, threads=options.threads))
     tracks = follow.follow(made, job.where)
     made = aimed(made, tracks, goal)
     survival = [scenario.survival for scenario in made.scenarios]

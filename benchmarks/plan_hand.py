@@ -27,7 +27,7 @@ from steered_cases import case as steered
 
 from drift.engine.motion.scenario import Survival
 from drift.evidence.filter.records import PlanSpec, Unit
-from drift.pipeline.run_options import Options, opened
+from drift.pipeline.run_options import Options, open_job
 from drift.planning.search import bins, follow, joint, optimiser, rectangle
 from drift.planning.search import planning_tracks as record
 from drift.planning.search.boats import availability
@@ -78,7 +78,7 @@ def prepared(
         tracks, units, spec = plan_bound.case(number, options.particles)
         return tracks, units, spec, [None], f"{len(units)} units"
     made, data, told, goal = (steered if options.set == "steered" else moving)(number, options.particles)
-    job = opened(made, Options(datasets={} if data is None else {"field": data}, threads=options.threads))
+    job = open_job(made, Options(datasets={} if data is None else {"field": data}, threads=options.threads))
     tracks = follow.follow(made, job.where)
     if options.set == "steered":
         bins.FINEST, plan_bound.FEW = ROWS, FEW

@@ -51,7 +51,7 @@ def main() -> None:
     track = path.between(0, span, 0, None, (0.0, 0.0))
     at_lon, at_lat, ring = sensor_path.ring(pattern.area)
     place = sensor_path.standing(at_lon, at_lat, 0, span).between(0, span, 0, None, (0.0, 0.0))
-    curve = np.stack(laws.table(Law("m_beta", 0.8)), axis=1).reshape(-1)
+    curve = np.stack(laws.range_curve(Law("m_beta", 0.8)), axis=1).reshape(-1)
     exposure = runtime.empty(n)
     jobs = {
         "inverse cube": (sweep.CUBE, track, np.zeros(1), np.ones(1), legs),

@@ -115,7 +115,7 @@ def measure(most: int) -> list[dict[str, object]]:
     """Return one row a case: ns per particle-step for each number of particles."""
     tiles = fields()
     land = shore.land("gshhg", BOX)
-    coast = shoreline.build(land, BOX)
+    coast = shoreline.build_coast(land, BOX)
     device = device_coast.upload(coast)
     box = domain()
     rows: list[dict[str, object]] = [{"case": case[0]} for case in CASES]

@@ -14,7 +14,7 @@ import shapely
 TURNS = (-720, -360, 0, 360, 720)  # [deg] that unwrapped longitudes may have gone round
 
 
-def cut(polygon: shapely.MultiPolygon) -> shapely.MultiPolygon:
+def cut_polygons(polygon: shapely.MultiPolygon) -> shapely.MultiPolygon:
     """Return polygons of unwrapped longitudes cut at the antimeridian.
 
     The parts lie in [-180, 180] [deg], with outer rings anticlockwise.

@@ -96,7 +96,7 @@ def _steps(lon: Array, lat: Array) -> Array:
     return sphere.distance(x[:-1], y[:-1], x[1:], y[1:])
 
 
-def cut(legs: Legs, share: float) -> Legs:
+def cut_legs(legs: Legs, share: float) -> Legs:
     """Return the legs up to a share of their whole length; all of them where the share is 1."""
     done = np.concatenate([[0.0], np.cumsum(lengths(legs))])
     goal = share * done[-1]
@@ -118,12 +118,12 @@ def between(legs: Legs, first: float, last: float) -> Legs:
     inside = np.flatnonzero((time > first) & (time < last))
     begin = int(np.searchsorted(time, first, "right")) - 1
     finish = int(np.searchsorted(time, last, "left")) - 1
-    vertices = [place(legs, first), *((legs.lon[k], legs.lat[k]) for k in inside), place(legs, last)]
+    vertices = [position_at(legs, first), *((legs.lon[k], legs.lat[k]) for k in inside), position_at(legs, last)]
     lon, lat = np.array(vertices).T
     return through([first, *time[inside], last], lon, lat, legs.searching[begin : finish + 1])
 
 
-def place(legs: Legs, time: float) -> LonLat:
+def position_at(legs: Legs, time: float) -> LonLat:
     """Return (lon, lat) [deg] where legs are at a time [s since 1970] on them."""
     k = min(max(int(np.searchsorted(legs.time, time, "right")) - 1, 0), len(legs.time) - 2)
     share = (time - legs.time[k]) / (legs.time[k + 1] - legs.time[k])

@@ -99,7 +99,7 @@ def test_nobody_is_inland_and_strandings_are_kept(tmp_path: Path) -> None:
     """A strong wind onto the coast of Norway at steps of 5 and 60 minutes: all end in water, on the sea side of islets."""
     box = Box(4, 60, 6.5, 62)
     land = shore.land("gshhg", box)
-    coast = shoreline.build(land, box)
+    coast = shoreline.build_coast(land, box)
     for step in ("5 min", "60 min"):
         text = case_of(tmp_path, particles=8_000, coast="gshhg", at='"60 50N 004 40E"').text.replace("3 %", "8 %")
         (tmp_path / "case.toml").write_text(
@@ -133,7 +133,7 @@ def test_a_picture_that_cannot_be_drawn_costs_no_other_file(tmp_path: Path, monk
 def test_nobody_is_inland_at_outputs_inside_a_step(tmp_path: Path) -> None:
     """Outputs every 7 minutes within steps of an hour, diffusion on: bridges to the coast of Norway stay in water."""
     land = shore.land("gshhg", Box(4, 60, 6.5, 62))
-    coast = shoreline.build(land, Box(4, 60, 6.5, 62))
+    coast = shoreline.build_coast(land, Box(4, 60, 6.5, 62))
     text = case_of(tmp_path, particles=3_000, coast="gshhg", at='"60 50N 004 40E"', duration="1 h").text
     text = text.replace(
         'output.every = "3 h"', 'output = { every = "7 min", trajectories = 3000 }\nclock.step = "60 min"'

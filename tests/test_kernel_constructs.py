@@ -55,7 +55,7 @@ RULES = {
     "in while": Rule(
         constructs.in_while,
         "count in a local variable, and add it to the array after the loop",
-        {"clouds.cut", "follower.keep_off", "steer._born", "steer._steer"},
+        {"clouds.apply_sweep", "follower.keep_off", "steer._born", "steer._steer"},
     ),
 }
 

@@ -92,13 +92,13 @@ def test_a_coast_is_shared_only_where_it_would_be_the_same(tmp_path: Path) -> No
     asked = replace(asked, coast=Coast(island(tmp_path / "land.json"), "strand"))
     box = Box(-89.3, 26.7, -86.9, 28.6)
     near, wide = (Waters(one, Files({})) for one in (Box(-90.0, 26.0, -86.0, 29.0), Box(-121.0, 3.0, -55.0, 51.0)))
-    assert edges.build(shore.land(asked.coast.source, wide.box, False), wide.box).shift > edges.FINEST
+    assert edges.build_coast(shore.land(asked.coast.source, wide.box, False), wide.box).shift > edges.FINEST
     found = near.coast(spec, asked, box)
     assert found is not None
     coast = found[1]
     assert coast.shift == edges.FINEST
     assert near.coast(spec, asked, box)[1] is coast  # made once
-    alone = edges.build(shore.land(asked.coast.source, box, False), box)
+    alone = edges.build_coast(shore.land(asked.coast.source, box, False), box)
     here = np.random.default_rng(3).uniform([[-87.9], [27.5]], [[-87.3], [28.1]], (2, 400))
     at = [np.round(v * 2**32 / 360).astype(np.int64) for v in here]
     own, other = (edges.is_land(one, *at) for one in (coast, alone))

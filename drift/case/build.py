@@ -56,7 +56,7 @@ class _Search(NamedTuple):
     named: Mapping[str, Sensor] = MappingProxyType({})  # sensors that these refer to by name
 
 
-def build(table: CaseTable, path: Path, text: str) -> Case:
+def build_case(table: CaseTable, path: Path, text: str) -> Case:
     """Return the record of a case; raise one UserError for all that does not fit together."""
     start, end = table.begin(), table.finish()
     folder, wrong = path.absolute().parent, Mistakes()
@@ -226,13 +226,13 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
     plan = None
     before = len(wrong.lines)
     with wrong.gathered():
-        run = replace(run, sensors=sonar_table.build(table.sensor, run))
+        run = replace(run, sensors=sonar_table.build_sensors(table.sensor, run))
     if len(wrong.lines) > before:  # what names them would be refused for want of them
         return _Search()
     with wrong.gathered():
-        sorties = sortie_table.build(table.sortie, run)
+        sorties = sortie_table.build_sorties(table.sortie, run)
     with wrong.gathered():
-        contacts = contact_table.build(table.contact, run)
+        contacts = contact_table.build_contacts(table.contact, run)
     sensors = _sensors(table, run, wrong)
     with wrong.gathered():
         plan = table.plan.spec(
@@ -241,13 +241,13 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
     # Without a plan, units are held against the longest that the run allows, so that their own mistakes show.
     longest = PlanSpec(run.start, run.end, "pos", 0.0, 1, plan_table.LEAST)
     with wrong.gathered():
-        fleet = plan_table.build(table.unit, run, plan or longest)
+        fleet = plan_table.build_units(table.unit, run, plan or longest)
     if len(wrong.lines) == before:
         with wrong.gathered():
             plan_table.check_groups(sorties, fleet)
     tows: tuple[Tow, ...] = ()
     with wrong.gathered():
-        tows = tow_table.build(table.tow, run, plan or longest)
+        tows = tow_table.build_ships(table.tow, run, plan or longest)
     if fleet and tows:
         wrong.lines.append(
             "[[unit]] and [[tow]]: a plan is of units that search, or of ships that tow arrays; plan one, append its sorties to the "
@@ -269,11 +269,11 @@ def _sensors(table: CaseTable, run: Run, wrong: Mistakes) -> Sensors:
     """Return looks, fields, barriers and lines; what is wrong with them is added to the mistakes."""
     sensors = Sensors()
     with wrong.gathered():
-        sensors = replace(sensors, looks=look_table.build(table.look, run))
+        sensors = replace(sensors, looks=look_table.build_looks(table.look, run))
     with wrong.gathered():
-        sensors = replace(sensors, presences=presence_table.build(table.presence, run))
+        sensors = replace(sensors, presences=presence_table.build_presences(table.presence, run))
     with wrong.gathered():
-        sensors = replace(sensors, barriers=barrier_table.build(table.barrier, run))
+        sensors = replace(sensors, barriers=barrier_table.build_barriers(table.barrier, run))
     with wrong.gathered():
         sensors = replace(sensors, lines=barrier_table.build_lines(table.line, run))
     return sensors
@@ -357,7 +357,7 @@ def _sources(
     """
     specs: list[ForcingSpec] = []
     for number, table in enumerate(tables, 1):
-        place = sources.place(quantity, number, table.name)
+        place = sources.source_label(quantity, number, table.name)
         spec = ForcingSpec(table.name or f"{quantity} {number}", quantity)
         with wrong.gathered(place):
             spec = table.spec(quantity, number, start, folder)

@@ -114,7 +114,7 @@ def _validated(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> 
     """Return the case of a file's tables; raise all that is wrong with it, `wrong` included."""
     try:
         wrong.refuse()
-        case = build.build(CaseTable.model_validate(data, context={"whole": CaseTable}), path, text)
+        case = build.build_case(CaseTable.model_validate(data, context={"whole": CaseTable}), path, text)
         inputs = tuple(dict.fromkeys(_inputs(family.expanded(data), path.absolute().parent)))
         return replace(case, inputs=inputs, tables=data)
     except ValidationError as error:
@@ -201,7 +201,7 @@ def _sources_without(data: dict[str, Any], path: Path) -> list[str]:
             except ValidationError:  # which is among the mistakes already
                 continue
             if isinstance(start, np.datetime64):
-                with wrong.gathered(sources.place(quantity, number, table.name)):
+                with wrong.gathered(sources.source_label(quantity, number, table.name)):
                     table.spec(quantity, number, start, path.absolute().parent)
     return wrong.lines
 

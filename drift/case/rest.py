@@ -71,7 +71,7 @@ def mistakes(
             break
         rest = after
         try:
-            build.build(schema.model_validate(rest.data, context={"whole": schema}), path, text)
+            build.build_case(schema.model_validate(rest.data, context={"whole": schema}), path, text)
             break
         except ValidationError as more:
             said = zip(more.errors(), messages.lines(more, rest.data), strict=True)

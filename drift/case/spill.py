@@ -334,7 +334,7 @@ class PatrolUnitTable(fields.Table):
         return Team(self.name, self.length, self.detection, times, named, base, reach, self.crosses_water)
 
 
-def build(
+def build_spill(
     table: SpillTable,
     find_tables: list[FindTable],
     patrol_tables: list[PatrolTable],

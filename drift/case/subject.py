@@ -15,7 +15,7 @@ import numpy as np
 from drift.case.forcing import sources
 from drift.case.scenario.scenario import PARAMETERS, ScenarioTable
 from drift.case.schema import CaseTable
-from drift.case.spill import build as build_spill
+from drift.case.spill import build_spill as build_spill
 from drift.case.values.mistakes import Mistakes
 from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
 from drift.engine.motion.leeway import WATER, Drifter

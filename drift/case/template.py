@@ -14,7 +14,7 @@ STORIES = {
 TRACKED = {"contact": "a contact that was lost: its track by the detections there are"}  # of drift track
 
 
-def text(story: str) -> str:
+def template_text(story: str) -> str:
     """Return the template of a story; raise UserError for one that there is none of."""
     if story not in STORIES | TRACKED:
         listed = ", ".join(f"{name} ({words})" for name, words in (STORIES | TRACKED).items())
@@ -24,7 +24,7 @@ def text(story: str) -> str:
 
 def write(story: str, path: Path) -> None:
     """Write the template of a story to a new file; raise UserError where that cannot be, or is there already."""
-    words = text(story)
+    words = template_text(story)
     if path.suffix != ".toml":
         raise UserError(f"{str(path)[:300]!a}: a case file ends in .toml")
     try:

@@ -166,7 +166,7 @@ def summed(values: Array, k: int) -> Array:
     return np.asarray(values.reshape(*values.shape[:-2], nlat, k, nlon, k).sum(axis=(-3, -1)))
 
 
-def build(
+def build_area(
     cells: Cells, deposits: Deposits, media: Sequence[density.Medium], shares: tuple[float, ...] = SHARES, k: int = 1
 ) -> Area:
     """Return the map of one snapshot, with the areas that hold some shares of it.

@@ -67,7 +67,7 @@ class Forecast:
 
         See drift.forecast.containment.
         """
-        return containment.at(self.data, time, lon, lat)
+        return containment.containment_at(self.data, time, lon, lat)
 
     @property
     def shares(self) -> tuple[float, ...]:
@@ -89,7 +89,7 @@ class _Laid:
     land: Array | None
 
 
-def build(
+def build_forecast(
     outputs: Sequence[Output],
     *,
     scenarios: Sequence[str],
@@ -136,9 +136,9 @@ def _begun(
 
     Else that takes its turn before each map, so that memory does not grow with it.
     """
-    surveys = [survey.of(output, len(scenarios)) for output in outputs]
+    surveys = [survey.survey_output(output, len(scenarios)) for output in outputs]
     centre, shown = _reference(surveys), _shown(surveys)
-    clouds = [cloud.of(*own, centre) for own in zip(outputs, surveys, strict=True)]
+    clouds = [cloud.extent_of_output(*own, centre) for own in zip(outputs, surveys, strict=True)]
     windows, common = _windows(clouds, centre) if grid is None else (_fixed(clouds, centre, grid), grid)
     land = _Land(is_land, common)
     each: Iterable[_Laid | None] = (
@@ -161,7 +161,7 @@ def _begun(
                         for share, size, outline in zip(shares, area.areas, outlines, strict=True)
                     ]
                 tell((number + 1) / len(surveys))
-        return Forecast(dataset.build(surveys, scenarios, maps, shares, bandwidths), tuple(contours))
+        return Forecast(dataset.build_dataset(surveys, scenarios, maps, shares, bandwidths), tuple(contours))
 
     return rest
 
@@ -179,9 +179,9 @@ def _in_turn(pool: ThreadPoolExecutor, function: Callable[[T], R], items: Iterab
 
 def grid_of(outputs: Sequence[Output], scenarios: int) -> Cells:
     """Return the grid that `build` would choose for some outputs, of cells that it can be given again."""
-    surveys = [survey.of(output, scenarios) for output in outputs]
+    surveys = [survey.survey_output(output, scenarios) for output in outputs]
     centre = _reference(surveys)
-    grid = _windows([cloud.of(*own, centre) for own in zip(outputs, surveys, strict=True)], centre)[1]
+    grid = _windows([cloud.extent_of_output(*own, centre) for own in zip(outputs, surveys, strict=True)], centre)[1]
     width, height = (-(-size // QUANTUM) * QUANTUM for size in (grid.width, grid.height))
     columns, rows = (-(-count * old // new) for count, old, new in (
         (grid.nlon, grid.width, width), (grid.nlat, grid.height, height)
@@ -191,7 +191,7 @@ def grid_of(outputs: Sequence[Output], scenarios: int) -> Cells:
 
 def _shown(surveys: Sequence[Survey]) -> Shown:
     """Return which scenarios have maps of their own, as `dataset.shown` will of what is made of these outputs."""
-    return likeliest.of([known.scenario for known in surveys])
+    return likeliest.likeliest_scenarios([known.scenario for known in surveys])
 
 
 def _reference(surveys: Sequence[Survey]) -> int:
@@ -325,7 +325,7 @@ class _Land:
 def _map(laid: _Laid, shares: tuple[float, ...], common: Cells) -> tuple[areas.Area, list[shapely.MultiPolygon]]:
     """Return the map of one snapshot on its own cells, which divide `common`, and the outlines of its areas."""
     media, k = media_of(laid.deposits, laid.cells.shape, laid.land), common.width // laid.cells.width
-    area = areas.build(laid.cells, laid.deposits, media, shares, k)
+    area = areas.build_area(laid.cells, laid.deposits, media, shares, k)
     return area, areas.contours(area)
 
 

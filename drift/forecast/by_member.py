@@ -57,7 +57,7 @@ def csv(members: Members, run: str) -> str:
     return formats.csv_text(HEADER, rows)
 
 
-def numbers(members: Members) -> dict[str, Any]:
+def summary_of_members(members: Members) -> dict[str, Any]:
     """Return the members for the summary."""
     columns = zip(members.names, members.prior.tolist(), members.posterior.tolist(), strict=True)
     return {
@@ -75,7 +75,7 @@ FILES: dict[str, Callable[[Members, Stamped], Contents]] = {
 
 def chapter(members: Members) -> Chapter:
     """Return the chapter of members."""
-    return Chapter({"members": numbers(members)}, bound(FILES, members), leaves=(partial(_leaves, members),))
+    return Chapter({"members": summary_of_members(members)}, bound(FILES, members), leaves=(partial(_leaves, members),))
 
 
 def _leaves(members: Members) -> list[Any]:
@@ -84,4 +84,4 @@ def _leaves(members: Members) -> list[Any]:
         ("lon", "Mean longitude at the end", "words"), ("lat", "Mean latitude", "words"),
     ]  # fmt: skip
     note = "Equally likely before anything was seen; after it, by what the particles in each weigh."
-    return [leaves.table("Members of the winds and currents", columns, file="members.csv", note=note)]
+    return [leaves.table_leaf("Members of the winds and currents", columns, file="members.csv", note=note)]

@@ -30,7 +30,7 @@ class Cloud:
     spacing: float  # bandwidth [binary angle units]
 
 
-def of(output: Output, known: Survey, centre: int) -> Cloud | None:
+def extent_of_output(output: Output, known: Survey, centre: int) -> Cloud | None:
     """Return an output's extent and spacing; None if no probability is on the map.
 
     centre: the common reference of longitudes [binary angle].

@@ -65,7 +65,7 @@ def _lines(which: Array, k: int, lon: Array, lat: Array) -> shapely.MultiLineStr
     return shapely.multilinestrings(parts)
 
 
-def words(at: Any) -> str:
+def coast_in_words(at: Any) -> str:
     """Return in a few words where the densest half of what is ashore lies; empty if little is ashore."""
     ashore = at["probability_ashore"].values.astype(np.float64)
     if ashore.sum() < LEAST:

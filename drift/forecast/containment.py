@@ -15,7 +15,7 @@ from geo.errors import UserError
 LEAST = 1e-6  # least 1 - containment, which keeps its logarithm finite in cells of the rim
 
 
-def at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
+def containment_at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
     """Return the containment at points [deg], shape (n,), at an output time of a forecast.
 
     It is 1 where there is no probability.

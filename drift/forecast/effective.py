@@ -117,7 +117,7 @@ def banner(count: Count, rough: str = "the areas are rough", when: str = "") -> 
     return f"ONLY {count.words.upper()}{when and f' at {when}'}: {rough}"
 
 
-def at(data: Any, time: int, particles: int | None = None) -> Count:
+def effective_at(data: Any, time: int, particles: int | None = None) -> Count:
     """Return how many count for a forecast's map at an output.
 
     That is its worlds if these are few, else its particles. data: as of drift.forecast.products.dataset; particles: how many
@@ -136,7 +136,7 @@ def fewest(data: Any, outputs: Iterable[int], particles: int | None = None) -> t
 
     Outputs that show nothing are passed over.
     """
-    counts = [(at(data, int(i), particles), int(i)) for i in outputs]
+    counts = [(effective_at(data, int(i), particles), int(i)) for i in outputs]
     shown = [pair for pair in counts if pair[0].number > 0]
     return min(shown, key=lambda pair: pair[0].number / FEW[pair[0].what], default=(Count(0.0, particles), 0))
 
@@ -146,7 +146,7 @@ def parts(data: Any, time: int) -> list[str]:
 
     There are none where few count for the whole map.
     """
-    if at(data, time).few:
+    if effective_at(data, time).few:
         return []
     output = data.isel(time=time)
     mapped = float(output["probability"].sum())
@@ -158,7 +158,7 @@ def parts(data: Any, time: int) -> list[str]:
     rough = [(name, share, n) for name, share, n in named if share >= PART * mapped and Count(n).few]
     if output.sizes["scenario"] > 1 and "effective_worlds" not in data:  # classes of objects are no stories
         shares = output["probability_by_scenario"].sum(["lat", "lon"]).values
-        alone = list(likeliest.of(data["scenario_probability"].values).alone)
+        alone = list(likeliest.likeliest_scenarios(data["scenario_probability"].values).alone)
         names, counts = output["scenario"].values[alone], output["scenario_effective"].values[alone]
         of = [(str(a), float(b), float(c)) for a, b, c in zip(names, shares[: len(alone)], counts, strict=True)]
         stories = [story for story in of if story[1] >= PART * mapped and Count(story[2]).few]
@@ -186,9 +186,9 @@ def of_run(data: Any, particles: int, since: np.datetime64 | None = None, left: 
     """
     sentences = []
     times = data["time"].values
-    few = [i for i in range(released(data), len(times)) if at(data, i, particles).few]
+    few = [i for i in range(released(data), len(times)) if effective_at(data, i, particles).few]
     if few:
-        counts = [at(data, i, particles) for i in few]
+        counts = [effective_at(data, i, particles) for i in few]
         worst = min(range(len(few)), key=lambda k: counts[k].number)
         already = since is not None and all(_since(times, i, since) for i in few)
         if not already or counts[worst].number < 0.5 * left:

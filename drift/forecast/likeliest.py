@@ -57,7 +57,7 @@ class Shown:
         return np.concatenate([own, mean], axis=-1) if rest else own
 
 
-def of(probability: npt.ArrayLike) -> Shown:
+def likeliest_scenarios(probability: npt.ArrayLike) -> Shown:
     """Return which scenarios are shown, by the probability that each has at some times, (..., scenarios).
 
     The largest over the times counts, so that a story is shown that was likely before something ruled it out. Where

@@ -37,7 +37,7 @@ class Survey:
     worlds: int  # that were drawn; 0 where there are none
 
 
-def of(output: Output, scenarios: int) -> Survey:
+def survey_output(output: Output, scenarios: int) -> Survey:
     """Return the survey of an output."""
     parts: list[Partial] = []
     lightest, heaviest, ashore, steers, copied, last_world = 1.0, 0.0, False, False, False, -1

@@ -17,7 +17,7 @@ from drift.engine.environment.ambient import Flow
 from drift.engine.environment.environment import Environment
 from drift.engine.motion import scene, simulate
 from drift.engine.motion.forcing import Sources
-from drift.engine.motion.spool import Spool
+from drift.engine.motion.spool import SnapshotStore
 from drift.engine.particles import life
 from drift.engine.particles.columns import Columns
 from drift.engine.particles.ensemble import Ensemble
@@ -42,12 +42,12 @@ from drift.forecast.products import dataset
 from drift.forecast.tracks import Trajectories
 from drift.pipeline import run_metadata, run_setup
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import Job, Options, Report, in_turn, opened
+from drift.pipeline.run_options import Job, Options, Report, in_turn, open_job
 from drift.pipeline.run_setup import Setup, Start
 from drift.pipeline.shards import cluster, divide, fingerprint, shelf, spilled
 from drift.pipeline.shards import run as shards_run
 from drift.products.files import publication, writer
-from drift.products.files.chapter import Chapter, joined
+from drift.products.files.chapter import Chapter, join_contents
 from drift.products.maps.imprint import Setting
 from drift.spills.backtrack import backward
 from drift.spills.backtrack import chapter as backtrack_chapter
@@ -125,7 +125,7 @@ def run(
     """
     if resume and out is None:
         raise UserError("resume = True needs out: without an output folder there is nothing to resume from")
-    job = opened(
+    job = open_job(
         case,
         Options(
             out,
@@ -142,7 +142,7 @@ def run(
     if resume and _stands(job):
         assert job.out is not None
         if shelf.unfinished(job.out):  # it was killed after its results stood, or another run was
-            shelf.clear(job.out, fingerprint.of(case, job.where, 1))
+            shelf.clear(job.out, fingerprint.fingerprint_of(case, job.where, 1))
         return None
     with kept(job) as result:  # no other run may begin on the folder before the results stand
         write(result, job)
@@ -174,7 +174,7 @@ class Ended:
     """A run whose particles have been moved, before anything is made of them; they are read from its snapshots."""
 
     setup: Setup
-    snapshots: Spool
+    snapshots: SnapshotStore
     updates: Updates | None = None
     posteriors: Posteriors | None = None
     after: Aftermath | None = None
@@ -205,8 +205,8 @@ def kept(job: Job, noted: Noted | None = None) -> Iterator[Result]:
         else:
             with job.clock.phase("start"):
                 begin = run_setup.prepare(job.case, job.where)
-            ended = moved(job, begin, stack, noted)
-        yield made(job, ended)
+            ended = simulate_run(job, begin, stack, noted)
+        yield build_result(job, ended)
 
 
 def _shards(job: Job) -> int:
@@ -217,21 +217,21 @@ def _shards(job: Job) -> int:
         shelf.check_room(job.out, shelf.need(job.case, job.case.particles))
     if job.shards or job.out is None or not shelf.unfinished(job.out):
         return many
-    before = shelf.begun(job.out, fingerprint.of(job.case, job.where, many)) or many
+    before = shelf.begun(job.out, fingerprint.fingerprint_of(job.case, job.where, many)) or many
     return before if job.memory is None else max(before, many)
 
 
 def _in_shards(job: Job, many: int, stack: contextlib.ExitStack, noted: Noted | None) -> Ended:
     """Return a job's run, moved in shards; its particles can be read as long as the stack is open."""
     with job.clock.phase("start"):
-        mark = fingerprint.of(job.case, job.where, many)
+        mark = fingerprint.fingerprint_of(job.case, job.where, many)
         if job.client is not None:
             stack.callback(cluster.release, job.client)
         deal = None if job.client is None else partial(cluster.begun, job.client, job.case, mark)
         whole = divide.prepare(job.case, job.where, many, deal)
     stack.enter_context(contextlib.closing(whole.setup.scene.forcing))
     with job.clock.phase("drift"):
-        done = stack.enter_context(shards_run.moved(job, whole, mark, noted))
+        done = stack.enter_context(shards_run.move_shards(job, whole, mark, noted))
     return Ended(whole.setup, done.snapshots, done.updates, done.posteriors, begun=done.begun)
 
 
@@ -244,7 +244,7 @@ def _spilled(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:
         stretches = run_setup.stretches(case, where, run.worlds)
     if job.client is not None:
         stack.callback(cluster.release, job.client)
-    rounds = stack.enter_context(spilled.opened(job, run))
+    rounds = stack.enter_context(spilled.open_rounds(job, run))
 
     def moved(drawn: Worlds, seed: int, number: int) -> Drifted:
         with job.clock.phase("drift"):
@@ -271,7 +271,7 @@ def _settled(
         return renewal.settle(case.period, case.spill, coast, stretches, first, renewed)
 
 
-def moved(job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None) -> Moved:
+def simulate_run(job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None) -> Moved:
     """Return a job's run, moved from its start; its particles can be read as long as the stack is open.
 
     noted: is told of each sortie, contact and sensor, as drift.evidence.filter.filter does.
@@ -291,16 +291,16 @@ def moved(job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | No
     return Moved(begin, done.snapshots, updates, posteriors, after, begun, begin=begin, done=done)
 
 
-def made(job: Job, run: Ended) -> Result:
+def build_result(job: Job, run: Ended) -> Result:
     """Return what is made of a run that has been moved, whose particles can still be read."""
     case, where, setup, snapshots = job.case, job.where, run.setup, run.snapshots
     after, updates, posteriors = run.after, run.updates, run.posteriors
     names = [scenario.name for scenario in case.scenarios]
     job.tell("map", 0.0)
     with job.clock.phase("products"):
-        end = survey.of(snapshots.outputs[-1], len(names))
+        end = survey.survey_output(snapshots.outputs[-1], len(names))
         is_land = scene.land_of(setup.scene)
-        forecast = forecast_build.build(
+        forecast = forecast_build.build_forecast(
             snapshots.outputs,
             scenarios=names,
             is_land=is_land,
@@ -309,21 +309,21 @@ def made(job: Job, run: Ended) -> Result:
             tell=partial(job.tell, "map"),
         )
         tracks = _trajectories(case, snapshots)
-    summary = run_metadata.numbers(case, where, end, setup, job.clock.seconds)
+    summary = run_metadata.summary_of_run(case, where, end, setup, job.clock.seconds)
     member_told = _members(setup.spec.members, run)
     if member_told is not None:
-        summary |= {"members": by_member.numbers(member_told)}
+        summary |= {"members": by_member.summary_of_members(member_told)}
     off_map = off_grid.warnings(forecast.data)
     summary["warnings"] = particles_left.of_run(forecast.data, case.particles, updates, case.contacts)
     summary["warnings"] += off_map
     if after is not None:
-        summary |= renewal.numbers(after)
+        summary |= renewal.summary_of_spill(after)
         # Maps are of the same worlds: where these are few, one warning is enough.
         few = effective.Count(after.posterior.effective, what="worlds").few
         summary["warnings"] = [*renewal.warnings(after), *([] if few else summary["warnings"])]
     summary["warnings"] += environment.warnings(where)
     if updates is not None:
-        summary |= {"search": search_tables.numbers(updates)}
+        summary |= {"search": search_tables.summary_of_search(updates)}
     if posteriors is not None:
         summary |= posterior_tables.summary(posteriors)
     on = run_metadata.with_coast(run_metadata.setting(case, where, dataset.shown(forecast.data)))
@@ -381,7 +381,7 @@ def _drifted(
         moments = simulate.run(
             begin.ensemble, begin.scene, begin.clock, outputs, partial(job.tell, "drift"), watch, search
         )
-        spool = Spool.of_run(
+        spool = SnapshotStore.of_run(
             case.period, begin.ensemble, moments, len(outputs),
             worlds=landings is not None, more=landings.note if landings else None,
         )  # fmt: skip
@@ -409,24 +409,24 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
         chapters = [run_metadata.chapter(case, where, {COMMAND: "plan" if more else "run", **result.summary})]
         chapters.append(Chapter(leaves=(partial(_surroundings, result, on),)))
         if after is not None:
-            chapters.append(spill_chapter.chapter(spill_chapter.Matter(after, on)))
+            chapters.append(spill_chapter.chapter(spill_chapter.SpillOutputs(after, on)))
         if updates is not None:
             # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
-            search_matter = search_chapter.Matter(updates, case.contacts, result.forecast, failed, case.sensors)
+            search_matter = search_chapter.SearchOutputs(updates, case.contacts, result.forecast, failed, case.sensors)
             chapters.append(search_chapter.chapter(search_matter, mapped=planned is None))
         if result.posteriors is not None:
-            chapters.append(posterior_chapter.chapter(posterior_chapter.Matter(result.posteriors, failed)))
+            chapters.append(posterior_chapter.chapter(posterior_chapter.PosteriorOutputs(result.posteriors, failed)))
         if result.members is not None:
             chapters.append(by_member.chapter(result.members))
         chapters += more
         if basis := suspension(result, planned):
             lost = decision.off_map(result.forecast.data)
-            suspend_matter = suspend_chapter.Matter(basis, on.imprint, run_metadata.synthetic(case), lost)
+            suspend_matter = suspend_chapter.SuspensionOutputs(basis, on.imprint, run_metadata.synthetic(case), lost)
             chapters.append(suspend_chapter.chapter(suspend_matter))
         # Legs and contacts would hide small maps; fields and barriers are few lines.
         sensors = [partial(search_chapter.overlay, (), (), sensors=case.sensors)] if case.sensors.telling else []
         mapped_at = failed if planned is None else replace(failed, opens=None)  # its map is of the time after the plan
-        forecast_matter = forecast_chapter.Matter(
+        forecast_matter = forecast_chapter.ForecastOutputs(
             result.forecast, result.trajectories, mapped_at, result.overlays, sensors
         )
         chapters.insert(0, forecast_chapter.chapter(forecast_matter))
@@ -453,7 +453,7 @@ def publish(
     from drift.products.maps import page  # here: Matplotlib takes a second to import
     from drift.products.report import page as report_page
 
-    whole = joined(chapters)
+    whole = join_contents(chapters)
     pictures = {name: page.kept(draw) for name, draw in whole.pictures.items()}
 
     def told(path: Path) -> None:
@@ -471,7 +471,7 @@ def suspension(result: Result, planned: Planned | None = None) -> decision.Suspe
     case, begun = result.case, result.begun
     if begun is None or case.direction < 0:
         return None
-    return decision.build(case.scenarios, case.start, begun, result.updates, result.forecast.data, planned)
+    return decision.build_decision(case.scenarios, case.start, begun, result.updates, result.forecast.data, planned)
 
 
 @in_turn
@@ -493,17 +493,17 @@ def origin(
     """
     if case.spill is None:
         raise UserError(f"{case.path.name}: has no [spill]; an origin is estimated from the [[find]]s of a spill")
-    job = opened(case, Options(out, datasets, threads, backend, overwrite, report))
+    job = open_job(case, Options(out, datasets, threads, backend, overwrite, report))
     where = job.where
     assert where.coast is not None
     with job.clock.phase("read"):
-        segments = evidence.cut(case.spill, where.coast)
-        places = [evidence.place(find, segments, where.coast) for find in case.spill.finds]
+        segments = evidence.cut_stretches(case.spill, where.coast)
+        places = [evidence.stretch_of_find(find, segments, where.coast) for find in case.spill.finds]
     with job.clock.phase("drift"):
         spec, cut = run_setup.ensemble_spec(case), run_setup.clock_spec(case)
         release = backward.backward(case.spill, spec, cut, where, segments, places, progress=partial(job.tell, "drift"))
     if job.out is not None:
-        matter = backtrack_chapter.Matter(release, case.spill.finds, run_metadata.setting(case, where))
+        matter = backtrack_chapter.OriginOutputs(release, case.spill.finds, run_metadata.setting(case, where))
         run = Chapter(facts=run_metadata.attributes(case, where))
         end = Chapter({"wall_time_s": job.clock.seconds}, leaves=(lambda: [run_metadata.written(case)],))
         chapters = [run, backtrack_chapter.chapter(matter), end]
@@ -514,7 +514,7 @@ def origin(
 trace = origin  # its former name
 
 
-def _trajectories(case: Case, snapshots: Spool) -> Trajectories:
+def _trajectories(case: Case, snapshots: SnapshotStore) -> Trajectories:
     """Return the tracks of slots spread evenly over the particles.
 
     The track of what was drawn anew is that of its ancestors before.

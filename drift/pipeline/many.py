@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from drift.case.record import Case
 from drift.engine.motion import scene, simulate
-from drift.engine.motion.spool import Spool
+from drift.engine.motion.spool import SnapshotStore
 from drift.engine.particles import snapshot
 from drift.forecast import build as forecast_build
 from drift.forecast.build import Forecast
@@ -133,7 +133,7 @@ def _forecast(
     try:
         search, outputs = run_setup.search(case, begin), case.period.seconds(case.outputs)
         moments = simulate.run(begin.ensemble, begin.scene, begin.clock, outputs, search=search)
-        with Spool.of_run(case.period, begin.ensemble, moments, len(outputs)) as snapshots:
+        with SnapshotStore.of_run(case.period, begin.ensemble, moments, len(outputs)) as snapshots:
             run_setup.check_end(case, where, begin, snapshots, search.unsearched if search else None)
             seen = list(snapshots)
     finally:

@@ -91,7 +91,7 @@ class Result:
                 texts["lines"] = crossings.csv(self.updates.crossings, run)
         if self.posteriors is not None:
             texts["posteriors"] = posterior_tables.csv(self.posteriors, run)
-            if ranked := ranking.of(self.posteriors):
+            if ranked := ranking.ranking_of(self.posteriors):
                 texts["scenarios"] = ranking.csv(ranked, run)
         if self.members is not None:
             texts["members"] = by_member.csv(self.members, run)
@@ -164,7 +164,7 @@ class Result:
     def _told(self) -> list[tuple[str, str]]:
         """Return how the run ended, by name."""
         data, last = self.forecast.data, self.forecast.data.isel(time=-1)
-        count = effective.at(data, -1, self.case.particles)
+        count = effective.effective_at(data, -1, self.case.particles)
         return [
             ("Valid", notation.group(last["time"].values[()])),
             ("Mean position", notation.position(last["mean_lon"].item(), last["mean_lat"].item()) or "none"),

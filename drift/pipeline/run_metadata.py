@@ -78,14 +78,14 @@ def _leaves(case: Case, numbers: Mapping[str, Any]) -> list[Any]:
         ),
     ]
     return [
-        leaves.table("How the case was understood", [("", "What", "words"), ("", "How", "words")], rows=rows),
+        leaves.table_leaf("How the case was understood", [("", "What", "words"), ("", "How", "words")], rows=rows),
         written(case),
     ]
 
 
 def written(case: Case) -> Leaf:
     """Return the case as the report shows it."""
-    return leaves.text("The case as it was written", words=case.text)
+    return leaves.text_leaf("The case as it was written", words=case.text)
 
 
 def setting(case: Case, where: Environment, shown: Shown | None = None) -> Setting:
@@ -99,7 +99,7 @@ def setting(case: Case, where: Environment, shown: Shown | None = None) -> Setti
     if case.spill:  # its classes of objects were released together
         known_as, short, stories = "Release", "release", (replace(case.scenarios[0], name="release"),)
     if shown is None or case.spill:
-        shown = likeliest.of([scenario.weight for scenario in stories])
+        shown = likeliest.likeliest_scenarios([scenario.weight for scenario in stories])
     marks, lines = starts(stories, known_as, short, shown)
     return Setting(
         Imprint(
@@ -185,7 +185,7 @@ def errors(case: Case) -> str:
     if not (adrift or any(s.itinerary is not None and s.itinerary.currents == "felt" for s in case.scenarios)):
         return ""
     wind = case.wind_error if adrift and case.forcing["wind"] else None
-    told = forcing_error.words(case.current_error, wind, case.diffusivity, case.diffusivity_by)
+    told = forcing_error.errors_in_words(case.current_error, wind, case.diffusivity, case.diffusivity_by)
     both = [
         quantity
         for quantity, error in (("current", case.current_error), ("wind", wind))
@@ -222,12 +222,12 @@ def _strands(coast: Coast) -> str:
 def input_file(path: str) -> dict[str, Any]:
     """Return the path, size and digest of an input file, so that a damaged or exchanged one shows."""
     try:
-        return {"path": path, "bytes": digest.size(path), "digest": digest.of(path)}
+        return {"path": path, "bytes": digest.size(path), "digest": digest.digest_of(path)}
     except OSError as error:
         return {"path": path, "bytes": None, "digest": f"none: {error.strerror or 'gone'} by the end of the run"}
 
 
-def numbers(
+def summary_of_run(
     case: Case,
     where: Environment,
     end: Survey,
@@ -252,7 +252,9 @@ def numbers(
         },
         "uncertainty": {
             "told": errors(case),
-            **forcing_error.numbers(case.current_error, case.wind_error, case.diffusivity, case.diffusivity_by),
+            **forcing_error.summary_of_errors(
+                case.current_error, case.wind_error, case.diffusivity, case.diffusivity_by
+            ),
         },
         "effective_sample_size": end.effective,
         **({"guide": setup.guide.numbers} if setup.guide else {}),

@@ -75,7 +75,7 @@ class Job:
     client: Any = None
 
 
-def opened(case: Case, options: Options = Options()) -> Job:
+def open_job(case: Case, options: Options = Options()) -> Job:
     """Return the job of a case, once it is sure that results can be written and Taichi runs."""
     if options.client is not None and options.datasets:
         raise UserError("datasets: workers read files; write these to files and name them in the case")

@@ -21,7 +21,7 @@ from drift.engine.motion.ensemble_spec import EnsembleSpec, Release
 from drift.engine.motion.forcing import Forcing
 from drift.engine.motion.period import ClockSpec
 from drift.engine.motion.scene import Scene
-from drift.engine.motion.spool import Spool
+from drift.engine.motion.spool import SnapshotStore
 from drift.engine.motion.step_size import Trial
 from drift.engine.particles import partials, weights
 from drift.engine.particles.columns import Columns
@@ -32,7 +32,7 @@ from drift.evidence.filter.debris import guide as guides
 from drift.evidence.filter.debris import pilot
 from drift.evidence.filter.debris.guide import Guide
 from drift.evidence.filter.debris.guide import Trial as Lead
-from drift.evidence.filter.filter import Search
+from drift.evidence.filter.filter import SearchFilter
 from drift.evidence.filter.meeting import Meeting
 from drift.evidence.filter.updates import Update
 from drift.evidence.posterior.beliefs import Beliefs
@@ -137,10 +137,10 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
     shore = device_coast.upload(where.coast) if where.coast and not shore else shore
     drawn_first = worlds(case, where) if case.spill else None
     if case.spill and drawn_first:
-        ensemble = release.draw(case.spill, drawn_first, case.period, case.errors, shore, case.seed)
+        ensemble = release.draw_release(case.spill, drawn_first, case.period, case.errors, shore, case.seed)
         dry: tuple[float, ...] = (0.0,) * len(case.scenarios)
     else:
-        drawn = prior.draw(spec, shore)
+        drawn = prior.draw_ensemble(spec, shore)
         ensemble, dry = drawn.ensemble, prior.dry(spec, drawn.tried, shore)
     setup = staged(case, where, shore, ensemble, dry)
     with closed_on_failure(setup):
@@ -204,7 +204,9 @@ def worlds(case: Case, where: Environment) -> Worlds:
     """Return the worlds of a spill, drawn from their prior."""
     assert case.spill is not None
     assert where.coast is not None  # environment.open_for
-    return drawn_worlds.draw(case.spill, case.seed, partial(shoreline.is_land, where.coast), members=len(where.members))
+    return drawn_worlds.draw_worlds(
+        case.spill, case.seed, partial(shoreline.is_land, where.coast), members=len(where.members)
+    )
 
 
 def staged(
@@ -263,7 +265,7 @@ def renew(case: Case, where: Environment, before: Start, proposal: Proposal, num
     """Return the start of the same spill in new worlds, drawn from a proposal; number: of the renewal, from 1."""
     assert case.spill is not None
     drawn, seed = renewed(case, where, proposal, number)
-    ensemble = release.draw(case.spill, drawn, case.period, case.errors, before.scene.place.coast, seed)
+    ensemble = release.draw_release(case.spill, drawn, case.period, case.errors, before.scene.place.coast, seed)
     again = replace(before.scene, forcing=Forcing(list(where.scenarios), case.direction))
     return replace(before, ensemble=ensemble, scene=again, worlds=drawn)
 
@@ -273,7 +275,7 @@ def renewed(case: Case, where: Environment, proposal: Proposal, number: int) -> 
     assert case.spill is not None
     assert where.coast is not None
     seed = noise.seed_for(case.seed, Purpose.RENEWAL, number)
-    return drawn_worlds.draw(case.spill, seed, partial(shoreline.is_land, where.coast), proposal), seed
+    return drawn_worlds.draw_worlds(case.spill, seed, partial(shoreline.is_land, where.coast), proposal), seed
 
 
 def beliefs(case: Case, begin: Start) -> Beliefs | None:
@@ -292,7 +294,7 @@ def search(
     meeting: Meeting | None = None,
     *,
     resumed: bool = False,
-) -> Search | None:
+) -> SearchFilter | None:
     """Return the filter by what a case says was searched and seen, or is to be told; None where that is nothing.
 
     beliefs: takes down what is believed after each update. noted: is told of each too. meeting: with the other shards of
@@ -300,7 +302,7 @@ def search(
     """
     if not (is_searched(case) or case.sensors.lines):
         return None
-    return Search(
+    return SearchFilter(
         begin.spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors,
         noting(beliefs, noted), (case.plan.begin,) if case.units else (), meeting, resumed,
     )  # fmt: skip
@@ -341,7 +343,9 @@ def is_standing(case: Case) -> bool:
     return not case.spill and bool(case.sorties or any(scenario.survival for scenario in case.scenarios))
 
 
-def check_end(case: Case, where: Environment, begin: Setup, snapshots: Spool, unsearched: Columns | None) -> None:
+def check_end(
+    case: Case, where: Environment, begin: Setup, snapshots: SnapshotStore, unsearched: Columns | None
+) -> None:
     """Refuse a run that lost more than the case allows.
 
     unsearched: log weights of that name, as if no sortie had been flown; None: those of the run.

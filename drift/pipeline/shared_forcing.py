@@ -83,7 +83,7 @@ class Waters:
         if id(opened) not in self._kept:
             self._kept[id(opened)] = sources.keep(opened, self.box)
         key = id(opened), box
-        part = self._cuts.pop(key, None) or sources.cut(self._kept[id(opened)], box)
+        part = self._cuts.pop(key, None) or sources.part_of_source(self._kept[id(opened)], box)
         self._cuts[key] = part
         if len(self._cuts) > CUTS:
             del self._cuts[next(iter(self._cuts))]
@@ -98,7 +98,7 @@ class Waters:
         key = asked.coast.source, asked.coast.lakes
         if key not in self._lands:
             land = shore.land(asked.coast.source, self._coastal, asked.coast.lakes)
-            self._lands[key] = land, shoreline.build(land, self._coastal) if land.polygons.size else None
+            self._lands[key] = land, shoreline.build_coast(land, self._coastal) if land.polygons.size else None
         land, coast = self._lands[key]
         return None if coast is not None and coast.shift != shoreline.FINEST else (land, coast)
 

@@ -54,7 +54,7 @@ class Coast:
     cut: Box | None = None  # to which the polygons are cut; None: they are whole
 
 
-def build(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
+def build_coast(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
     """Return the coast of a box.
 
     Its grid covers the box, rounded outward to cells, in at most max_cells cells.

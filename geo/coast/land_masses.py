@@ -62,7 +62,9 @@ class LandMasses:
         return shapely.STRtree(lines), np.asarray(owner[ring[:-1][joined]], np.int64)
 
 
-def build(polygons: Array, bridges: Sequence[tuple[LonLat, LonLat]] = (), box: Box | None = None) -> LandMasses:
+def build_land_masses(
+    polygons: Array, bridges: Sequence[tuple[LonLat, LonLat]] = (), box: Box | None = None
+) -> LandMasses:
     """Return the land masses of polygons [deg]; box: to which they are cut.
 
     bridges: pairs of positions [deg], each on or beside land, that are one land mass by a bridge, dam or ford.

@@ -65,7 +65,7 @@ class _Feature:
     shape: Any  # shapely line or polygon [deg], longitudes unwrapped
 
 
-def cut(coast: Coast, length: float = 10_000.0) -> Segments:
+def cut_coast(coast: Coast, length: float = 10_000.0) -> Segments:
     """Return the coast cut into stretches of about `length` [m]: whole edges, and equal shares of each chain."""
     edge = shoreline.edges(coast)
     return _cut(coast, edge, np.full(len(edge), -1), [], length)

@@ -86,7 +86,8 @@ class Dataset:
         if self._speaks_dap(question["timeout"]) and variable.dtype.kind in "biuf":
             asked = f"{name}.{name}" if name in (self._grids or ()) else name
             piece = _patiently(
-                lambda: dap.read(self._address, asked, key, variable.dtype, question["timeout"]), question["timeout"]
+                lambda: dap.read_variable(self._address, asked, key, variable.dtype, question["timeout"]),
+                question["timeout"],
             )
         else:
             piece = np.asarray(variable[key].values)

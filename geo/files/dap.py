@@ -40,7 +40,9 @@ def grids(address: str, timeout: float) -> frozenset[str]:
     return frozenset(re.findall(r"\bGrid\s*\{[^}]*\}\s*(\w+)\s*;", structure))
 
 
-def read(address: str, name: str, parts: Sequence[slice], dtype: np.dtype[Any], timeout: float) -> NDArray[Any]:
+def read_variable(
+    address: str, name: str, parts: Sequence[slice], dtype: np.dtype[Any], timeout: float
+) -> NDArray[Any]:
     """Return a part of a variable of numbers, as it is stored.
 
     name: with that of its Grid before it; parts: a slice with a positive step for each dimension. Raises UserError, or

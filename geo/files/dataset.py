@@ -205,7 +205,7 @@ def fingerprint(paths: Sequence[str], datasets: Sequence[xr.Dataset], extra: str
                 if data[name].ndim == 1 and data[name].size < 100_000:
                     total.update(np.ascontiguousarray(data[name].values).tobytes())
         elif os.path.isdir(path) or os.path.getsize(path) <= WHOLE:
-            total.update(digest.of(path).encode())
+            total.update(digest.digest_of(path).encode())
         else:
             _add_samples(total, path)
     return total.hexdigest()[:16]

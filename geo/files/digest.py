@@ -33,7 +33,7 @@ def start(paths: Iterable[str]) -> None:
         threading.Thread(target=_fulfil, args=(new,), name="digest", daemon=True).start()
 
 
-def of(path: str) -> str:
+def digest_of(path: str) -> str:
     """Return "sha256:..." of the bytes of a file or a folder of files.
 
     Raises OSError where it cannot be read.

@@ -31,7 +31,7 @@ class Fence:
     writable: tuple[Path, ...] = ()  # held by the kernel alone (`geo.files.landlock`)
 
 
-def text(fence: Fence) -> str:
+def fence_text(fence: Fence) -> str:
     """Return a fence as the environment variable holds it."""
     folders, writable = (list(map(str, some)) for some in (fence.folders, fence.writable))
     return json.dumps({"folders": folders, "hosts": sorted(fence.hosts), "writable": writable})

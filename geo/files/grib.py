@@ -105,7 +105,7 @@ class Points:
 def open_file(path: str) -> xr.Dataset:
     """Return the fields of a GRIB file as a dataset whose values are read on demand."""
     names: dict[bytes, dict[str, Any]] = {}
-    fields = [_field(message, names) for message in messages.cut(path)]
+    fields = [_field(message, names) for message in messages.split_messages(path)]
     if not fields:
         raise UserError(f'"{path}" holds no GRIB message')
     drifting = [f for f in fields if f.role is not None]
@@ -332,7 +332,7 @@ def _plane(keys: Mapping[str, Any], lon: Real, lat: Real) -> tuple[dict[str, Any
     mapping = _mapping(keys)
     if mapping is None or min(lon.shape) < 2:
         return None
-    crs = reference_system.of(mapping)
+    crs = reference_system.parse_reference_system(mapping)
     geographic = crs.source_crs if crs.is_derived and crs.is_geographic else crs.geodetic_crs
     x, y = (np.asarray(v) for v in pyproj.Transformer.from_crs(geographic, crs, always_xy=True).transform(lon, lat))
     if mapping["grid_mapping_name"] == "rotated_latitude_longitude":

@@ -40,7 +40,7 @@ def is_grib(path: str) -> bool:
     return b"GRIB" in start and not start.startswith((b"CDF", b"\x89HDF"))
 
 
-def cut(path: str) -> list[Message]:
+def split_messages(path: str) -> list[Message]:
     """Return the messages of a file in the order in which they stand there."""
     messages: list[Message] = []
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:

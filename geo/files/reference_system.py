@@ -9,7 +9,7 @@ EARTH = {"earth_radius", "semi_major_axis"}  # an Earth has one of them; without
 GREENWICH = {"longitude_of_prime_meridian": 0.0, "prime_meridian_name": "Greenwich"}
 
 
-def of(attributes: Mapping[str, Any]) -> pyproj.CRS:
+def parse_reference_system(attributes: Mapping[str, Any]) -> pyproj.CRS:
     """Return the reference system of a grid mapping's attributes; raises what `pyproj.CRS.from_cf` does.
 
     Where none says a prime meridian pyproj looks up Greenwich by its name, in half a second: it is told, and makes the

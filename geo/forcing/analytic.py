@@ -251,7 +251,7 @@ KINDS: dict[str, tuple[Callable[..., Flow], tuple[str, ...], float]] = {
 }
 
 
-def build(quantity: str, kind: str, box: Box, **parameters: float) -> tuple[Flow, float]:
+def build_flow(quantity: str, kind: str, box: Box, **parameters: float) -> tuple[Flow, float]:
     """Return a built-in flow and the spacing [deg] that suits it; a UserError for an unknown one."""
     allowed = [name for name, (_, quantities, _) in KINDS.items() if quantity in quantities]
     if kind not in allowed:

@@ -85,10 +85,10 @@ class Opened:
     edges: bool = False  # the first and the last time are the edges of means, which hold there
 
 
-def read(request: Request, paths: dataset.Paths | memory.Held) -> Reading:
+def open_reader(request: Request, paths: dataset.Paths | memory.Held) -> Reading:
     """Open files, or take a dataset in memory, and return how to read the quantity from them."""
     opened = open_all(request, paths)
-    reading = cut(opened, request.box)
+    reading = cut_source(opened, request.box)
     q, pair = request.quantity, opened.pair
     asked = f"{request.variables} {request.units} {request.times} {request.steady} {request.depth} {request.box}"
     asked += f" members {request.members}" if request.members else ""
@@ -232,7 +232,7 @@ def _open(request: Request, paths: dataset.Paths | memory.Held, files: list[tupl
     first, second, times, edges = _to_edges(first, second, times)
     notes += first.notes + tuple(n for n in second.notes if n not in first.notes)
     count = 1 if request.steady else len(first.segments)
-    whole = survey.of((first, second), count, request.plausible, request.name)
+    whole = survey.survey_slices((first, second), count, request.plausible, request.name)
     first, second = (
         replace(c, fills=fills, vouched=request.plausible)
         for c, fills in zip((first, second), whole.fills, strict=True)
@@ -240,7 +240,7 @@ def _open(request: Request, paths: dataset.Paths | memory.Held, files: list[tupl
     return Opened(request, paths, files, pair, (first, second), times, count, whole, tuple(notes), edges=edges)
 
 
-def cut(opened: Opened, box: Box | None) -> Reading:
+def cut_source(opened: Opened, box: Box | None) -> Reading:
     """Return how to read the part of a source that a case needs; its fingerprint is left empty."""
     request, (first, second), whole = replace(opened.request, box=box), opened.components, opened.whole
     wanted = _needed(box)
@@ -259,7 +259,7 @@ def cut(opened: Opened, box: Box | None) -> Reading:
     return Reading(
         regridded.grid,
         opened.times,
-        lambda i: tile.read(regridded, i),
+        lambda i: tile.read_tile(regridded, i),
         seen.missing,
         opened.notes + whole.notes + regridded.notes + seen.notes,
         "",
@@ -296,16 +296,16 @@ def _cut_nest(opened: Opened, request: Request, wanted: Box | None) -> Reading:
     if empty:
         raise UserError(f"{request.name}: every value is missing; set [[{request.quantity}]] files")
     return Reading(
-        held.grid, opened.times, partial(nest.read, held), missing, opened.notes + whole.notes + held.notes, "",
+        held.grid, opened.times, partial(nest.read_nested_slice, held), missing, opened.notes + whole.notes + held.notes, "",
         held.domain,
-        tuple((o.label, partial(nest.read, replace(held, components=o.components))) for o in opened.others),
+        tuple((o.label, partial(nest.read_nested_slice, replace(held, components=o.components))) for o in opened.others),
         opened.label,
         opened.edges,
     )  # fmt: skip
 
 
 def _slice(held: tile.Tile, i: int) -> Values:
-    return tile.read(held, i)
+    return tile.read_tile(held, i)
 
 
 def keep(opened: Opened, box: Box) -> Opened:
@@ -442,7 +442,7 @@ def _derived(request: Request, pair: quantities.Pair, data: xr.Dataset, notes: l
         if not request.plausible:
             data = data.assign({name: validity.apply(data, name, own)})
         if versions.NAME not in request.variables:
-            data = data.assign({name: versions.joined(data, name, own)})
+            data = data.assign({name: versions.merge_versions(data, name, own)})
         notes += [note for note in own if note not in notes]
     return data
 
@@ -515,8 +515,8 @@ def _restamped(
     stamp = clock.stamp(request.times)
     if not stamp:
         return first, second, times
-    none = averages.joined([None], [len(times)])
-    moved, cells, told = averages.place(times, none, averages.Method("", "", ""), stamp, "")
+    none = averages.join_intervals([None], [len(times)])
+    moved, cells, told = averages.slice_times(times, none, averages.Method("", "", ""), stamp, "")
     notes += told
     return replace(first, cells=cells), replace(second, cells=cells), moved
 

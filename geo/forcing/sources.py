@@ -176,7 +176,7 @@ def open_source(
         tuple(map(tuple, entries)),
     )  # fmt: skip
     with dataset.readable(_titles(listed), quantity):
-        reading = reader.read(asked, listed)
+        reading = reader.open_reader(asked, listed)
     return _source(asked, name, reading)
 
 
@@ -208,10 +208,10 @@ def keep(opened: reader.Opened, box: Box) -> reader.Opened:
     return reader.keep(opened, box)
 
 
-def cut(opened: reader.Opened, box: Box, name: str | None = None) -> Source:
+def part_of_source(opened: reader.Opened, box: Box, name: str | None = None) -> Source:
     """Return the part of an opened source that `open_source` would give for a box; without a fingerprint."""
     with dataset.readable(_titles(opened.paths), opened.request.quantity):
-        return _source(opened.request, name, reader.cut(opened, box))
+        return _source(opened.request, name, reader.cut_source(opened, box))
 
 
 def _request(
@@ -247,7 +247,7 @@ def constant(
     return _uniform(quantity, np.empty(0, "datetime64[s]"), np.array([east]), np.array([north]), name, about)
 
 
-def table(
+def uniform_field(
     quantity: str,
     times: ArrayLike,
     east: ArrayLike,
@@ -330,7 +330,7 @@ def analytic(
     parameters: those of the flow in `geo.forcing.analytic`; spacing [deg] overrides that of its tile.
     """
     spacing = parameters.pop("spacing", None)
-    flow, usual = flows.build(quantity, kind, box, **parameters)
+    flow, usual = flows.build_flow(quantity, kind, box, **parameters)
     step = float(spacing or usual)
     width, height = box.east - box.west, box.north - box.south
     step = max(step, float(np.sqrt(width * height / MOST_NODES)))

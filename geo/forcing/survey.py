@@ -43,7 +43,7 @@ class Survey:
     notes: tuple[str, ...]  # all that in words
 
 
-def of(components: tuple[Component, Component], count: int, plausible: bool, name: str) -> Survey:
+def survey_slices(components: tuple[Component, Component], count: int, plausible: bool, name: str) -> Survey:
     """Survey the first `count` slices of a source.
 
     plausible: the user vouches for its values, so that nothing is refused.

@@ -20,7 +20,9 @@ from geo.grids.layout import Curved, Layout, Triangles
 Probe = tuple[tuple[Array, Array], Array]  # ((lon, lat) [deg], value there)
 
 
-def of(grid: Grid, layouts: tuple[Layout, Layout], carried: tuple[Array, Array], source: tuple[Array, Array]) -> str:
+def describe_cost(
+    grid: Grid, layouts: tuple[Layout, Layout], carried: tuple[Array, Array], source: tuple[Array, Array]
+) -> str:
     """Return in words what regridding cost: errors of the tile at the source's points and between them."""
     source = _off_the_fold(layouts[0], source[0]), _off_the_fold(layouts[1], source[1])
     at_points = _error(grid, carried, [(layout.points(i), v) for i, v in zip(layouts, source, strict=True)])

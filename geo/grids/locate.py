@@ -243,7 +243,7 @@ def _at_points(component: Component, lon_name: str, lon: Array, lat: Array, note
         x, y = np.meshgrid(line, stagger.moved_line(lat[:, 0], wanted[0], along[0]))
         return x, y
     extended = absent.extended(Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0])))
-    return stagger.moved(extended.lon, extended.lat, wanted, along, seam.follower(extended))
+    return stagger.midpoints(extended.lon, extended.lat, wanted, along, seam.follower(extended))
 
 
 def _direction(along: tuple[float | None, float | None]) -> str:

@@ -44,7 +44,7 @@ class Places:
         return locate.locate(data, self.name, self.dims, self.chosen, self.side)[0]
 
 
-def of(
+def moving_places(
     files: Sequence[tuple[str, xr.Dataset]],
     name: str,
     dims: tuple[str, ...],

@@ -87,7 +87,7 @@ def _described(data: xr.Dataset, mapping: str, notes: list[str]) -> pyproj.CRS |
         if not WKT.match(str(attributes.get(key, ""))):
             fence.check_crs(attributes.get(key, ""))
     try:
-        return reference_system.of(attributes)
+        return reference_system.parse_reference_system(attributes)
     except (KeyError, ValueError, TypeError, pyproj.exceptions.CRSError):
         return of_attributes(attributes, notes, f'grid mapping "{mapping}"')
 

@@ -115,7 +115,7 @@ def _shift(data: xr.Dataset, dim: str, other: str) -> float | None:
     return float(shifts[0] or 0.0) - float(shifts[1] or 0.0)
 
 
-def moved(
+def midpoints(
     lon: Array, lat: Array, wanted: tuple[int, ...], along: tuple[float | None, float | None], follower: int | None
 ) -> tuple[Array, Array]:
     """Return (lon, lat) [deg], of the wanted shape, midway on great circles between points (ny, nx) [deg].

@@ -212,7 +212,7 @@ def _target(polar: ti.template(), x: ti.i32, y: ti.i32, to_x: ti.i32, to_y: ti.i
     """Return where a particle is at a share of its way."""
     at_x, at_y = to_x, to_y
     if share < 1.0:
-        at_x, at_y = curve.moved(polar, x, y, curve.inside(polar, x, y, to_x, to_y, share, f32x2(0.0)))
+        at_x, at_y = curve.end_of_way(polar, x, y, curve.inside(polar, x, y, to_x, to_y, share, f32x2(0.0)))
     return at_x, at_y
 
 

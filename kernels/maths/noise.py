@@ -54,7 +54,7 @@ def philox(c0: ti.u32, c1: ti.u32, c2: ti.u32, c3: ti.u32, key0: ti.u32, key1: t
 
 
 @ti.func
-def words(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, slot: ti.i32, step: ti.i32) -> u32x4:
+def noise_words(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, slot: ti.i32, step: ti.i32) -> u32x4:
     """Return four words of a stream for one slot and lattice step."""
     return philox(ti.cast(slot, ti.u32), ti.cast(step, ti.u32), ti.cast(stream, ti.u32), ti.u32(0), seed0, seed1)
 

@@ -62,7 +62,7 @@ def listed_slot(listed: ti.i32, slots: ti.template(), k: ti.i32) -> ti.i32:
     return i
 
 
-def of(bounds: Sequence[int], numbers: Sequence[int], scenarios: Sequence[int]) -> Batch:
+def batch_of(bounds: Sequence[int], numbers: Sequence[int], scenarios: Sequence[int]) -> Batch:
     """Return the slots of some scenarios (ascending).
 
     bounds: the first slot of each scenario of the run and, last, n; numbers: of each one's first slot in the whole run.

@@ -60,7 +60,7 @@ def _feel(
             old = f32x2(error_rows[east_at], error_rows[east_at + n])
             error, since = old, ti.cast(begin - elapsed, ti.f32)
             if middle == 1:
-                w = noise.words(seed0, seed1, noise.STREAM_FELT, i + shift[columns.scenario[i]], step)
+                w = noise.noise_words(seed0, seed1, noise.STREAM_FELT, i + shift[columns.scenario[i]], step)
                 new = errors.transition(old, std, errors.kept(memory, dt), noise.normals(w[0], w[1]))
                 error_rows[east_at], error_rows[east_at + n] = new[0], new[1]
                 error, since = 0.5 * (old + new), since + 0.5 * dt

@@ -222,7 +222,7 @@ def _in_ring(plan: ti.template(), lon: ti.i32, lat: ti.i32, west: ti.i32, first:
 
 
 @ti.func
-def place(
+def draw_waypoint(
     plan: ti.template(),
     key: Chance,
     phase: ti.i32,
@@ -365,7 +365,7 @@ def _way_point(
     tries, good = 0, 0
     x, y, time, far = t.lon, t.lat, t.time, 0.0
     while good == 0 and tries < TRIES:
-        x, y, good = place(plan, key, t.phase, point, before, drawn(key, tries))
+        x, y, good = draw_waypoint(plan, key, t.phase, point, before, drawn(key, tries))
         if coastal == 1:
             if good == 1 and plan.numbers[plan.stories_at + story * STORY + 2] & WET:
                 good = is_wet(x, y, coast)

@@ -265,7 +265,7 @@ def straight(
 
 
 def steered(own: Batch, pack: Any, step: Any) -> Paths:
-    """Return the paths of targets in a step; pack: their pieces, see kernels.steering.steer.made; step: kernels.step.advance.Step."""
+    """Return the paths of targets in a step; pack: their pieces, see kernels.steering.steer.write_pieces; step: kernels.step.advance.Step."""
     return Paths(own, True, pack, step.elapsed, step.duration, step.number)
 
 

@@ -351,7 +351,7 @@ def _inside(
                     if t.time < since and since < time:
                         off_lon, off_lat = set_at(t, since)
                         t.lon, t.lat, t.time = at_lon[i] - off_lon, at_lat[i] - off_lat, since
-                    w = noise.words(terms.seed0, terms.seed1, noise.STREAM_MIDWAY, key.slot, moment)
+                    w = noise.noise_words(terms.seed0, terms.seed1, noise.STREAM_MIDWAY, key.slot, moment)
                     normal = noise.normals(w[0], w[1])
                     t.lon, t.lat = amid(plan, t, k, x, y, time, ti.cast(when, ti.f32), normal)
                     t.time = when
@@ -412,8 +412,8 @@ def _born(
             point = plan.numbers[first_phase * PHASE + 1]
             found, tried = 0, 0
             while found == 0 and tried < MOST_TRIES:
-                w = noise.words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, tried)
-                t.lon, t.lat, found = itinerary.place(plan, key, first_phase, point, f32x2(0.0), w)
+                w = noise.noise_words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, tried)
+                t.lon, t.lat, found = itinerary.draw_waypoint(plan, key, first_phase, point, f32x2(0.0), w)
                 if found == 1:
                     tries[2 * which] += 1
                 if coastal == 1:
@@ -423,7 +423,7 @@ def _born(
             tries[2 * which + 1] += 1 - found
             t.time, t.leg = own_start(plan, key, first_phase), 1
             if plan.numbers[plan.points_at + point * POINT + 9] != itinerary.BY_SPEED:
-                w = noise.words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, -1)
+                w = noise.noise_words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, -1)
                 t.time = itinerary.when(plan, point, t.time, w[0], w[1])
         columns.steer_whole[Own.DEPARTURE * n + i] = t.time
         columns.release[i] = _distress(plan, key, which, t.time)
@@ -502,7 +502,9 @@ def mover(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast 
     return lambda step: move(step.elapsed, step.duration, step.number)
 
 
-def moved(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, step, room: Room) -> bool:
+def move_targets(
+    columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, step, room: Room
+) -> bool:
     """Move targets as a `mover` does, and write the pieces of way that they make; return whether there was room for all.
 
     Where there was not, they are moved, and `made` is to be asked for the pieces.
@@ -512,7 +514,7 @@ def moved(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast 
     return room.enough(lambda pack: _steer(*every, pack))
 
 
-def made(before, own: Batch, plan, seed: int, coast: DeviceCoast | None, step, room: Room) -> None:
+def write_pieces(before, own: Batch, plan, seed: int, coast: DeviceCoast | None, step, room: Room) -> None:
     """Write the pieces of way of targets in a step that has been made.
 
     before: the columns at the step's begin, by name, those of COLUMNS. room: for all slots of the ensemble.

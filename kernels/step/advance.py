@@ -411,7 +411,7 @@ def _advance(
             held.share[0, j] = held.dt[0, j] / duration
             held.trig[0, j], held.trig[1, j] = sphere.cos_lat(held.place[1, j]), sphere.sin_lat(held.place[1, j])
             held.valid[0, j], held.sets_off[0, j] = 1.0, 1.0
-        errors.draw(features, width, held, table, terms, step)
+        errors.draw_errors(features, width, held, table, terms, step)
         if ti.static(bundle.alone() and features & DIFFUSION):
             # The walk is asked for here, so that a card holds it during the stages, and not the dozen numbers of which
             # it is made.
@@ -617,7 +617,7 @@ def advance(
     noise.
     """
     first, last, number = slots
-    own = batch.of((first, last), (number,), (0,))
+    own = batch.batch_of((first, last), (number,), (0,))
     mover(ensemble, own, tiles, ranges, (physics,), place, step.direction, velocity)(step)
 
 

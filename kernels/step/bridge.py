@@ -87,16 +87,16 @@ def _between(
             off = curve.off_chord(own, covered(first, finish, time))
             off -= (1.0 - share) * curve.off_chord(own, covered(first, finish, since))
             way = curve.inside(polar, x, y, end_lon[i], end_lat[i], share, off)
-            x_line, y_line = curve.moved(polar, x, y, way)
+            x_line, y_line = curve.end_of_way(polar, x, y, way)
             line_lon, line_lat = x_line - x, y_line - y
             move_lon, move_lat = line_lon, line_lat
             if spread > 0.0:
-                w = noise.words(seed0, seed1, noise.STREAM_BRIDGE, i + shift[scenario[i]], moment)
+                w = noise.noise_words(seed0, seed1, noise.STREAM_BRIDGE, i + shift[scenario[i]], moment)
                 n = noise.normals(w[0], w[1]) * spread
                 if ti.static(not polar):
                     n *= ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
                     n[0] /= sphere.cos_lat(y)
-                x_line, y_line = curve.moved(polar, x, y, way + n)
+                x_line, y_line = curve.end_of_way(polar, x, y, way + n)
                 move_lon, move_lat = x_line - x, y_line - y
             if ti.static(coastal):
                 hit, x_end, y_end = 1, x, y

@@ -93,7 +93,7 @@ def inside(
 
 
 @ti.func
-def moved(polar: ti.template(), lon: ti.i32, lat: ti.i32, way: f32x2):
+def end_of_way(polar: ti.template(), lon: ti.i32, lat: ti.i32, way: f32x2):
     """Return (lon, lat) after a way as `inside` returns it."""
     x, y = lon, lat
     if ti.static(polar):
@@ -130,7 +130,7 @@ def _places(
             x, y = lon[i], lat[i]
         elif share > 0.0:
             off = off_chord(f32x4([bend[4 * i + k] for k in ti.static(range(4))]), share)
-            x, y = moved(polar, x, y, inside(polar, x, y, lon[i], lat[i], share, off))
+            x, y = end_of_way(polar, x, y, inside(polar, x, y, lon[i], lat[i], share, off))
         at_lon[i], at_lat[i] = x, y
 
 

@@ -76,7 +76,7 @@ def walked(walk: f32x2, c: ti.f32, s: ti.f32) -> f32x2:
 
 
 @ti.func
-def draw(
+def draw_errors(
     features: ti.template(),
     width: ti.template(),
     held: ti.template(),
@@ -97,22 +97,22 @@ def draw(
     for j in range(width):
         at, slot, dt = held.story[0, j] * ti.static(len(Physics._fields)), held.slot[0, j], held.dt[0, j]
         if ti.static(features & (DIFFUSION | ERRORS)):
-            w = noise.words(terms.seed0, terms.seed1, noise.STREAM_STEP, slot, step)
+            w = noise.noise_words(terms.seed0, terms.seed1, noise.STREAM_STEP, slot, step)
             if ti.static(features & ERRORS):
                 held.log[1, j], held.word[1, j] = ti.log(noise.uniform(w[2])), w[3]
                 held.keep[0, j] = kept(table[at + 1], dt)
             if ti.static(features & DIFFUSION):
                 if ti.static(features & DEBRIS):  # debris shares only the errors of the forcing with the object
-                    w = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
+                    w = noise.noise_words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
                 held.log[0, j], held.word[0, j] = ti.log(noise.uniform(w[0])), w[1]
         if ti.static(wind):
-            w = noise.words(terms.seed0, terms.seed1, noise.STREAM_WIND, slot, step)
+            w = noise.noise_words(terms.seed0, terms.seed1, noise.STREAM_WIND, slot, step)
             if ti.static(features & ERRORS):
                 held.log[2, j], held.word[2, j] = ti.log(noise.uniform(w[0])), w[1]
                 held.keep[1, j] = kept(table[at + 3], dt)
             if ti.static(features & JIBE):
                 if ti.static(features & DEBRIS):
-                    w = noise.words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
+                    w = noise.noise_words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
                 if jibed(table[at + 5], dt, noise.uniform(w[2])):
                     held.side[0, j] = -held.side[0, j]
     for j in range(width):

@@ -65,7 +65,7 @@ def draw_position(
         found = 0
         k = 0
         while found == 0 and k < TRIES:
-            w = noise.words(seed0, seed1, noise.STREAM_PRIOR, number + i - first, k)
+            w = noise.noise_words(seed0, seed1, noise.STREAM_PRIOR, number + i - first, k)
             x, y = _wrapped_normal(lon0, lat0, noise.normals(w[0], w[1]), major, minor, orientation)
             if farthest > 0.0:
                 length = nearest + (farthest - nearest) * noise.uniform(w[2])
@@ -136,7 +136,7 @@ def draw_area(
         found, inside = 0, 0  # counted here, and added once: particles leave this loop at different times
         k = 0
         while found == 0 and k < 16 * TRIES:
-            w = noise.words(seed0, seed1, noise.STREAM_PRIOR, number + i - first, k)
+            w = noise.noise_words(seed0, seed1, noise.STREAM_PRIOR, number + i - first, k)
             k += 1
             x = west + ti.cast(ti.cast(w[0], ti.u64) * ti.cast(width, ti.u64) >> ti.u64(32), ti.i32)
             y = south + ti.cast(ti.cast(w[1], ti.u64) * ti.cast(height, ti.u64) >> ti.u64(32), ti.i32)
@@ -189,7 +189,7 @@ def draw_trackline(
         found = 0
         k = 0
         while found == 0 and k < TRIES:
-            w = noise.words(seed0, seed1, noise.STREAM_PRIOR, number + i - first, k)
+            w = noise.noise_words(seed0, seed1, noise.STREAM_PRIOR, number + i - first, k)
             k += 1
             u = noise.uniform(w[0])
             share = earliest + (latest - earliest) * u
@@ -234,7 +234,7 @@ def draw_release(
 ):
     """Draw release times [s after start], uniform over the whole seconds of [earliest, latest]."""
     for i in range(first, last):
-        w = noise.words(seed0, seed1, noise.STREAM_PRIOR, number + i - first, -1)
+        w = noise.noise_words(seed0, seed1, noise.STREAM_PRIOR, number + i - first, -1)
         span = ti.cast(latest - earliest + 1, ti.u64)
         release[i] = earliest + ti.cast(ti.cast(w[0], ti.u64) * span >> ti.u64(32), ti.i32)
 
@@ -262,7 +262,7 @@ def _draw_object(
         own, n = least, (least - mean_slope) / ti.max(slope_std, 1e-30)
         k, found = 0, 0
         while found == 0 and k < REDRAWS:
-            w = noise.words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, line + k * LINES)
+            w = noise.noise_words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, line + k * LINES)
             drawn = noise.normals(w[0], w[1])[0]
             k += 1
             if mean_slope + slope_std * drawn >= least:
@@ -300,7 +300,7 @@ def draw_object(
 def draw_side(first: ti.i32, last: ti.i32, number: ti.i32, side: Ints, seed0: ti.u32, seed1: ti.u32):
     """Draw the side to which each object drifts off the wind at first: +1 right, -1 left, equally likely."""
     for i in range(first, last):
-        w = noise.words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, -1)
+        w = noise.noise_words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, -1)
         side[i] = 1 - 2 * ti.cast(w[0] >> ti.u32(31), ti.i32)
 
 
@@ -320,7 +320,7 @@ def _draw_error(
 ):
     """See `draw_error`; east_at, north_at: first element of the column in its array."""
     for i in range(first, last):
-        w = noise.words(seed0, seed1, noise.STREAM_ERROR, number + i - first, which)
+        w = noise.noise_words(seed0, seed1, noise.STREAM_ERROR, number + i - first, which)
         n = noise.normals(w[0], w[1])
         east[east_at + i], north[north_at + i] = std * n[0], std * n[1]
 
@@ -370,7 +370,7 @@ def draw_objects(
         found = 0
         tried = 0
         while found == 0 and tried < TRIES:
-            w = noise.words(seed0, seed1, noise.STREAM_RELEASE, number + i - first, tried)
+            w = noise.noise_words(seed0, seed1, noise.STREAM_RELEASE, number + i - first, tried)
             tried += 1
             n = noise.normals(w[0], w[1]) * scatter
             x, y = sphere.exponential(world_lon[k], world_lat[k], n[0], n[1])
@@ -400,7 +400,7 @@ def _draw_immersion(
 ):
     """See `draw_immersion`; slope_at: first element of the column in its array."""
     for i in range(first, last):
-        w = noise.words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, -2)
+        w = noise.noise_words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, -2)
         immersion = low + (high - low) * noise.uniform(w[0])
         slope[slope_at + i] = ratio * ti.sqrt((1.0 - immersion) / immersion)
 
@@ -447,7 +447,7 @@ def draw_sinking(
     spread: standard deviation of the time's logarithm; 0 for a hazard of half-life time[world]. Infinite: never.
     """
     for i in range(first, last):
-        w = noise.words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, -3)
+        w = noise.noise_words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, -3)
         after = time[world[i]]
         if spread > 0.0:
             after *= ti.exp(spread * noise.normals(w[0], w[1])[0])

@@ -35,9 +35,10 @@ from kernels.tracking.follower import (
     act,
     along,
     anchor,
-    at,
+    anchor_and_tangent,
     binary,
     clock,
+    cloud_words,
     copied,
     f64x3,
     frame,
@@ -46,7 +47,6 @@ from kernels.tracking.follower import (
     turned,
     unit,
     vector,
-    words,
 )
 from kernels.tracking.levels import level
 
@@ -106,7 +106,7 @@ WIDE = len(FIELDS)
 
 
 @ti.func
-def cut(
+def apply_sweep(
     coastal: ti.template(),
     cloud: ti.template(), rules: ti.template(), sweeps: ti.template(), legs: ti.template(), e: ti.i32, base: ti.i32,
     count: ti.i32, law: ti.i32, first_leg: ti.i32, last_leg: ti.i32, run: ti.i32, seed0: ti.u32, seed1: ti.u32,
@@ -154,7 +154,7 @@ def cut(
             if acting == 1:
                 act(cloud, rules, legs, i, law, first_leg, last_leg, run, seed0, seed1)
                 cloud.own_real[i, Own.FREE] = cloud.own_real[i, Own.SINCE]
-        p0, u0 = at(cloud, i)
+        p0, u0 = anchor_and_tangent(cloud, i)
         angle = cloud.own_real[i, Own.RATE] * (time - cloud.own_real[i, Own.SINCE])
         p, u = turned(p0, u0, angle)
         if angle > FAR:
@@ -229,13 +229,13 @@ def drawn_anew(
     there = count
     for j in range(count, size):
         i, serial = base + there, drawn + j - count
-        a = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 0)
-        b = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1)
+        a = cloud_words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 0)
+        b = cloud_words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1)
         p, wet, tried = s, 0, 0
         while wet == 0 and tried < PLACES:
             place = a
             if tried > 0:
-                place = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1 + tried)
+                place = cloud_words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1 + tried)
             distance = sweeps.sweep_real[e, Sweep.NEAR] + unit(place[0]) * (
                 sweeps.sweep_real[e, Sweep.FAR] - sweeps.sweep_real[e, Sweep.NEAR]
             )
@@ -285,7 +285,7 @@ def duplicated(
         cloud.own_real[base + j, Own.SCRATCH] = total
     for j in range(count, size):
         i, serial = base + j, drawn + j - count
-        b = words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1)
+        b = cloud_words(seed0, seed1, noise.STREAM_CLOUD, run, serial, 1)
         want, low, high = unit(b[0]) * total, 0, count - 1
         while low < high:
             middle = (low + high) // 2
@@ -306,7 +306,7 @@ def summed(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64):
     mean, velocity = f64x3(0.0, 0.0, 0.0), f64x3(0.0, 0.0, 0.0)
     for j in range(count):
         i = base + j
-        p0, u0 = at(cloud, i)
+        p0, u0 = anchor_and_tangent(cloud, i)
         p, u = turned(p0, u0, cloud.own_real[i, Own.RATE] * (time - cloud.own_real[i, Own.SINCE]))
         w = cloud.own_real[i, Own.WEIGHT]
         total += w
@@ -343,7 +343,7 @@ def followed(
         if outcome == SILENT and row < 0 and far <= clear and time < clear_until:
             continue
         before = count
-        count, nearest, whole, total, rate, mean, velocity = cut(
+        count, nearest, whole, total, rate, mean, velocity = apply_sweep(
             coastal, cloud, rules, sweeps, legs, e, base, before, law, first_leg, last_leg, run, seed0, seed1, coast
         )
         clear_until = ti.f64(-NEVER)

@@ -84,7 +84,7 @@ def unit(word: ti.u32) -> ti.f64:
 
 
 @ti.func
-def words(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, run: ti.i32, serial: ti.i32, number: ti.i32):
+def cloud_words(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, run: ti.i32, serial: ti.i32, number: ti.i32):
     """Return four words for a particle of a run's clouds."""
     return noise.philox(
         ti.cast(serial, ti.u32), ti.cast(number, ti.u32), ti.cast(stream, ti.u32), ti.cast(run, ti.u32), seed0, seed1
@@ -127,7 +127,7 @@ def along(p: f64x3, u: f64x3, angle: ti.f64):
 
 
 @ti.func
-def at(cloud: ti.template(), i: ti.i32):
+def anchor_and_tangent(cloud: ti.template(), i: ti.i32):
     """Return (anchor, tangent) of a particle."""
     return vector(cloud.own_real, i, Own.PLACE), vector(cloud.own_real, i, Own.WAY)
 
@@ -144,7 +144,7 @@ def anchor(cloud: ti.template(), i: ti.i32, p: f64x3, u: f64x3, time: ti.f64):
 @ti.func
 def copied(cloud: ti.template(), i: ti.i32, to: ti.i32):
     """Write particle i over another."""
-    p, u = at(cloud, i)
+    p, u = anchor_and_tangent(cloud, i)
     anchor(cloud, to, p, u, cloud.own_real[i, Own.SINCE])
     cloud.own_real[to, Own.RATE], cloud.own_real[to, Own.DUE], cloud.own_real[to, Own.WEIGHT] = (
         cloud.own_real[i, Own.RATE],
@@ -187,10 +187,12 @@ def act(
 ):  # fmt: skip
     """Have a particle act at its own time: keep its course, take another, seek or hide."""
     time = cloud.own_real[i, Own.DUE]
-    p0, u0 = at(cloud, i)
+    p0, u0 = anchor_and_tangent(cloud, i)
     p, u = along(p0, u0, cloud.own_real[i, Own.RATE] * (time - cloud.own_real[i, Own.SINCE]))
     cloud.own_whole[i, Own.ACTS] += 1
-    drawn = words(seed0, seed1, noise.STREAM_ACT, run, cloud.own_whole[i, Own.SERIAL], cloud.own_whole[i, Own.ACTS])
+    drawn = cloud_words(
+        seed0, seed1, noise.STREAM_ACT, run, cloud.own_whole[i, Own.SERIAL], cloud.own_whole[i, Own.ACTS]
+    )
     choice, mode = unit(drawn[0]), cloud.own_whole[i, Own.MODE]
     if mode != ACTING:
         mode = ACTING if choice < rules.rule_real[law, Rule.LEAVE] else mode
@@ -259,7 +261,7 @@ def keep_off(
     turns, going, back = 0, 1, f64x3(0.0, 0.0, 0.0)
     while going == 1 and cloud.own_real[i, Own.FREE] < until:
         time, rate = cloud.own_real[i, Own.FREE], cloud.own_real[i, Own.RATE]
-        p0, u0 = at(cloud, i)
+        p0, u0 = anchor_and_tangent(cloud, i)
         p, _u = along(p0, u0, rate * (time - cloud.own_real[i, Own.SINCE]))
         lon, lat = binary(p)
         far = ti.cast(clearance(lon, lat, coast), ti.f64) * ti.f64(UNIT)
@@ -284,7 +286,7 @@ def keep_off(
                     turns, back = 0, (p - stop * p.dot(stop)).normalized(ti.f64(1e-15))
                 turns += 1
                 cloud.own_whole[i, Own.ACTS] += 1
-                drawn = words(
+                drawn = cloud_words(
                     seed0, seed1, noise.STREAM_ACT, run, cloud.own_whole[i, Own.SERIAL], cloud.own_whole[i, Own.ACTS]
                 )
                 course = unit(drawn[1]) * ti.f64(6.283185307179586)

@@ -3,7 +3,7 @@
 import taichi as ti
 
 from kernels.maths import doubles
-from kernels.tracking.follower import Own, at, f64x3, turned, vector
+from kernels.tracking.follower import Own, anchor_and_tangent, f64x3, turned, vector
 
 SAME = 1e-9  # [rad] within which particles are at one place: 6 mm
 PICKS = 101  # particles among which the target is ranked by density
@@ -18,7 +18,7 @@ def level(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64, mean:
     """
     squared = ti.f64(0.0)
     for j in range(count):
-        p0, u0 = at(cloud, base + j)
+        p0, u0 = anchor_and_tangent(cloud, base + j)
         p, _u = turned(p0, u0, cloud.own_real[base + j, Own.RATE] * (time - cloud.own_real[base + j, Own.SINCE]))
         for d in ti.static(range(3)):
             cloud.own_real[base + j, Own.SCRATCH + d] = p[d]

@@ -33,7 +33,7 @@ TWO = point(179.9, -20, noon(0)) + point(-179.9, -20.5, noon(30))
 def read(tmp_path: Path, text: str | bytes) -> gpx.Track:
     path = tmp_path / "t.gpx"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return gpx.read(path)
+    return gpx.read_gpx(path)
 
 
 def refusal(tmp_path: Path, text: str | bytes) -> str:
@@ -137,4 +137,4 @@ def test_a_document_type_in_wide_letters(tmp_path: Path) -> None:
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="cannot be read"):
-        gpx.read(tmp_path / "none.gpx")
+        gpx.read_gpx(tmp_path / "none.gpx")

@@ -34,7 +34,7 @@ def cloud(lon: float, lat: float, seed: int = 3, size: float = 1.0) -> Snapshot:
 
 
 def made(table: GridTable, *snapshots: Snapshot) -> forecast_build.Forecast:
-    return forecast_build.build(snapshots, scenarios=["only"], grid=table.cells())
+    return forecast_build.build_forecast(snapshots, scenarios=["only"], grid=table.cells())
 
 
 def test_cells_are_where_they_were_asked_for() -> None:
@@ -107,7 +107,9 @@ def test_a_grid_too_coarse_for_the_particles_says_so() -> None:
     assert len(told) == 1
     assert "too coarse for the particles at 211830ZNOV26: areas are too large" in told[0]
     assert off_grid.warnings(made(grid(), cloud(4.2, 60.3)).data) == []
-    assert off_grid.warnings(forecast_build.build([narrow], scenarios=["only"]).data) == []  # these cells follow it
+    assert (
+        off_grid.warnings(forecast_build.build_forecast([narrow], scenarios=["only"]).data) == []
+    )  # these cells follow it
 
 
 def test_a_grid_too_fine_for_the_particles_is_refused() -> None:

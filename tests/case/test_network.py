@@ -63,7 +63,7 @@ def read(folder: Path, content: str | list[dict[str, Any]], suffix: str = "") ->
     path = folder / f"trial{suffix or ('.toml' if isinstance(content, str) else '.geojson')}"
     text = content if isinstance(content, str) else json.dumps({"type": "FeatureCollection", "features": content})
     path.write_text(text, encoding="utf-8")
-    return network.read(path)
+    return network.read_network(path)
 
 
 def mistakes(folder: Path, content: str | list[dict[str, Any]], suffix: str = "") -> list[str]:
@@ -219,10 +219,10 @@ def test_files_that_are_no_networks(tmp_path: Path, text: str, suffix: str, expe
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r'^network "gone.toml": cannot be read: No such file'):
-        network.read(tmp_path / "gone.toml")
+        network.read_network(tmp_path / "gone.toml")
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe\x00a")
     with pytest.raises(UserError, match=r'^network "bytes.toml": is not text in UTF-8$'):
-        network.read(tmp_path / "bytes.toml")
+        network.read_network(tmp_path / "bytes.toml")
 
 
 SOUTH = ("Alboran Island south", "Oran", "Algiers", "Annaba", "Galite")
@@ -257,7 +257,7 @@ STRAIT = ("Cape Spartel", "Tarifa, eastbound", "Ceuta, eastbound", "Alboran Sea 
 
 @pytest.fixture(scope="module")
 def mediterranean() -> Chart:
-    return network.read(Path(cases).parent / "networks" / "mediterranean.toml")
+    return network.read_network(Path(cases).parent / "networks" / "mediterranean.toml")
 
 
 @pytest.mark.parametrize("name", ROUTES)

@@ -234,7 +234,7 @@ def test_kernel_variance_follows_the_particles_it_should_hold():
 @pytest.mark.parametrize(("n", "tolerance"), [(10_000, 0.06), (100_000, 0.016)])
 def test_areas_of_a_bivariate_normal(n, tolerance):
     """2 pi sx sy ln(1 / (1 - p)); 4 standard errors of the sample's own quantile plus 1 % of smoothing."""
-    made = forecast_build.build([snapshot(*normal(n, np.random.default_rng(11)))], scenarios=["only"])
+    made = forecast_build.build_forecast([snapshot(*normal(n, np.random.default_rng(11)))], scenarios=["only"])
     exact = 2 * np.pi * 4000 * 9000 * -np.log(1 - SHARES)
     np.testing.assert_allclose(made.data["containment_area"].values[0], exact, rtol=tolerance)
 
@@ -244,7 +244,7 @@ def test_areas_of_a_bivariate_normal(n, tolerance):
 def test_areas_hold_their_share_of_new_particles(cloud, n):
     """Within 2 % (0.5 % of it sampling error of the quantile at n = 10^4), a little more to the safe side."""
     rng = np.random.default_rng(n)
-    made = forecast_build.build([snapshot(*cloud(n, rng))], scenarios=["only"])
+    made = forecast_build.build_forecast([snapshot(*cloud(n, rng))], scenarios=["only"])
     np.testing.assert_allclose(made.data["held_out"].values[0], SHARES, atol=3 * 0.5 / np.sqrt(n / 2))
     fresh = cloud(200_000, rng)
     for share in shares.SHARES:
@@ -257,7 +257,7 @@ def test_few_particles_err_on_the_wide_side(cloud):
     rng = np.random.default_rng(8)
     held = []
     for _ in range(8):
-        made = forecast_build.build([snapshot(*cloud(100, rng))], scenarios=["only"])
+        made = forecast_build.build_forecast([snapshot(*cloud(100, rng))], scenarios=["only"])
         held.append([inside(made, share, *cloud(20_000, rng)) for share in shares.SHARES])
     assert (np.mean(held, axis=0) > SHARES - [0.05, 0.05, 0.03]).all()
 
@@ -267,13 +267,13 @@ def test_weights_count_as_probability():
     rng = np.random.default_rng(4)
     east, north = rng.normal(0, 8000, 80_000), rng.normal(0, 8000, 80_000)
     weight = np.exp(-0.5 * (east / 6000) ** 2 - 0.5 * (north / 6000) ** 2 + 0.5 * (east**2 + north**2) / 8000**2)
-    made = forecast_build.build([snapshot(east, north, weight=weight)], scenarios=["only"])
+    made = forecast_build.build_forecast([snapshot(east, north, weight=weight)], scenarios=["only"])
     exact = 2 * np.pi * 6000**2 * -np.log(1 - SHARES)
     np.testing.assert_allclose(made.data["containment_area"].values[0], exact, rtol=0.05)
 
 
 def test_containment_is_of_the_smallest_area():
-    made = forecast_build.build([snapshot(*normal(20_000, np.random.default_rng(1)))], scenarios=["only"])
+    made = forecast_build.build_forecast([snapshot(*normal(20_000, np.random.default_rng(1)))], scenarios=["only"])
     data = made.data.isel(time=0)
     height = (data["probability"] / data["cell_area"]).values
     contained = data["containment"].values
@@ -303,7 +303,7 @@ def test_probability_adds_up_and_keeps_off_land():
     scenario = rng.choice(3, n, p=[0.6, 0.3, 0.1])
     one = snapshot(east, north, weight=rng.random(n), status=status, scenario=scenario)
     status, scenario = one.status, one.scenario
-    made = forecast_build.build([one], scenarios=["a", "b", "c"], is_land=coast_at(4000))
+    made = forecast_build.build_forecast([one], scenarios=["a", "b", "c"], is_land=coast_at(4000))
     data = made.data.isel(time=0)
     on_map = one.probability[status <= Status.ASHORE].sum()
     assert float(data["probability"].sum(dtype=float)) == pytest.approx(on_map, rel=1e-6)
@@ -351,9 +351,9 @@ def test_cells_of_a_shore_hold_the_share_that_their_containment_says(stranded):
         return north > shore(east)
 
     east, north, status = draw(3)
-    data = forecast_build.build([snapshot(east, north, status=status)], scenarios=["x"], is_land=is_land).data.isel(
-        time=0
-    )
+    data = forecast_build.build_forecast(
+        [snapshot(east, north, status=status)], scenarios=["x"], is_land=is_land
+    ).data.isel(time=0)
     lon, lat = (sphere.to_degrees(v) for v in positions(*draw(4)[:2]))
     at = data["containment"].sel(lon=xr.DataArray(lon), lat=xr.DataArray(lat), method="nearest").values
     for share in (0.5, 0.75, 0.9):
@@ -365,7 +365,7 @@ def test_a_bay_that_holds_no_particle_stays_empty():
     rng = np.random.default_rng(9)
     low, high = (positions(np.array([e]), np.array([0.0]))[0][0] for e in (5000.0, 5200.0))
     one = snapshot(np.minimum(rng.normal(0, 3000, 20_000), 4990), rng.normal(0, 4000, 20_000))
-    made = forecast_build.build([one], scenarios=["x"], is_land=lambda lon, lat: (lon > low) & (lon < high))
+    made = forecast_build.build_forecast([one], scenarios=["x"], is_land=lambda lon, lat: (lon > low) & (lon < high))
     behind = made.data["lon"].values > sphere.to_degrees(high)
     assert behind.any()
     assert float(made.data["probability"].values[:, :, behind].sum()) == 0
@@ -373,8 +373,8 @@ def test_a_bay_that_holds_no_particle_stays_empty():
 
 def test_the_antimeridian_is_no_seam():
     cloud = normal(20_000, np.random.default_rng(6))
-    here = forecast_build.build([snapshot(*cloud, lon=20.0)], scenarios=["x"])
-    there = forecast_build.build([snapshot(*cloud, lon=179.98)], scenarios=["x"])
+    here = forecast_build.build_forecast([snapshot(*cloud, lon=20.0)], scenarios=["x"])
+    there = forecast_build.build_forecast([snapshot(*cloud, lon=179.98)], scenarios=["x"])
     np.testing.assert_allclose(there.data["containment_area"], here.data["containment_area"], rtol=0.01)
     lon = there.data["lon"].values
     assert (np.diff(lon) > 0).all()
@@ -391,7 +391,7 @@ def test_times_share_one_grid_and_early_areas_stay_sharp():
     snapshots = [
         snapshot(*(unit * s), time=TIME + np.timedelta64(i, "h")) for i, s in enumerate((10.0, 1000.0, 20_000.0))
     ]
-    data = forecast_build.build(snapshots, scenarios=["x"]).data
+    data = forecast_build.build_forecast(snapshots, scenarios=["x"]).data
     exact = np.outer(2 * np.pi * np.array([10.0, 1000.0, 20_000.0]) ** 2, -np.log(1 - SHARES))
     np.testing.assert_allclose(data["containment_area"].values, exact, rtol=0.06)
     assert float(data["cell_area"].mean()) > 100 * exact[0, 0]
@@ -433,10 +433,10 @@ def test_same_bits_for_particles_in_any_parts(cuts):
     }
     family, world = np.sort(rng.integers(0, 5000, n)), np.arange(n) // 40
     one = dataclasses.replace(snapshot(*mixture(n, rng), **own), family=family, world=world)
-    one = dataclasses.replace(one, cut=partials.cut(bounds, bounds[:-1], (4096, 4096)))
+    one = dataclasses.replace(one, cut=partials.cut_blocks(bounds, bounds[:-1], (4096, 4096)))
     order = rng.permutation(len(cuts) + 1).tolist()
-    whole = forecast_build.build([one], scenarios=["a", "b"]).data
-    assert whole.identical(forecast_build.build([InParts(one, cuts, order)], scenarios=["a", "b"]).data)
+    whole = forecast_build.build_forecast([one], scenarios=["a", "b"]).data
+    assert whole.identical(forecast_build.build_forecast([InParts(one, cuts, order)], scenarios=["a", "b"]).data)
 
 
 @pytest.mark.parametrize("order", [[0, 1, 2], [2, 1, 0], [1, 2, 0]])
@@ -448,8 +448,8 @@ def test_the_heaviest_and_the_lightest_of_all_parts_count(order):
     status = np.full(n, Status.ADRIFT)
     weight[7], status[7] = 9.0, Status.SUNK  # off the map
     one = snapshot(*normal(n, rng), weight=weight, status=status)
-    one = dataclasses.replace(one, cut=partials.cut((0, n), (0,), (partials.BLOCK,)))
-    found = survey.of(InParts(one, [1, 2], order), 1)
+    one = dataclasses.replace(one, cut=partials.cut_blocks((0, n), (0,), (partials.BLOCK,)))
+    found = survey.survey_output(InParts(one, [1, 2], order), 1)
     share = one.probability[status == Status.ADRIFT]
     assert (found.lightest, found.heaviest) == (share.min(), share.max())
 
@@ -458,7 +458,7 @@ def test_nothing_on_the_map():
     one = snapshot(*normal(50, np.random.default_rng(0)), status=np.full(50, Status.PENDING))
     later = snapshot(*normal(50, np.random.default_rng(0)), time=TIME + np.timedelta64(6, "h"))
     for snapshots in ([one], [one, later]):
-        made = forecast_build.build(snapshots, scenarios=["x"])
+        made = forecast_build.build_forecast(snapshots, scenarios=["x"])
         assert float(made.data["probability"][0].sum()) == 0
         assert np.isnan(made.data["containment_area"].values[0]).all()
         assert np.isnan(made.data["mean_lat"].values[0])
@@ -467,7 +467,7 @@ def test_nothing_on_the_map():
 
 @pytest.mark.parametrize("n", [1, 2, 3, 7, 5000])
 def test_all_particles_in_one_point(n):
-    made = forecast_build.build([snapshot(np.zeros(n), np.zeros(n))], scenarios=["x"])
+    made = forecast_build.build_forecast([snapshot(np.zeros(n), np.zeros(n))], scenarios=["x"])
     assert float(made.data["probability"].sum()) == pytest.approx(1, rel=1e-6)
     assert 0 < float(made.data["containment_area"][0, 2]) < 1000  # [m2]
 
@@ -477,7 +477,7 @@ def test_some_particles_without_weight():
     weight[1000:] = 0
     east, north = normal(4000, np.random.default_rng(3))
     east[1000:] += 300e3  # nobody is there
-    made = forecast_build.build([snapshot(east, north, weight=weight)], scenarios=["x"])
+    made = forecast_build.build_forecast([snapshot(east, north, weight=weight)], scenarios=["x"])
     assert made.data["lon"].values[-1] < LON + 0.5
 
 
@@ -499,7 +499,7 @@ def test_mean_positions_are_vector_means():
         lat=71.0,
     )
     status, scenario = one.status, one.scenario
-    data = forecast_build.build([one], scenarios=["a", "b"]).data.isel(time=0)
+    data = forecast_build.build_forecast([one], scenarios=["a", "b"]).data.isel(time=0)
     lon, lat = np.radians(sphere.to_degrees(one.lon)), np.radians(sphere.to_degrees(one.lat))
     xyz = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
 

@@ -68,14 +68,21 @@ def test_where_half_of_what_is_ashore_lies_is_said_with_its_extent():
     data["probability_ashore"].values[:] = weight / 20
     data = data.assign_coords(lon=10 + 0.1 * np.arange(8))
     wide = Geod(ellps="sphere").inv(10.0, 40.01, 10.1, 40.01)[2] / 1852
-    assert coastal.words(data) == f"half of it within {wide:.0f} nmi, from 40-00.6N 010-00.0E to 40-00.6N 010-06.0E"
+    assert (
+        coastal.coast_in_words(data)
+        == f"half of it within {wide:.0f} nmi, from 40-00.6N 010-00.0E to 40-00.6N 010-06.0E"
+    )
     data["probability_ashore"].values[1, 4] = 4 / 20
     wide = Geod(ellps="sphere").inv(10.0, 40.01, 10.4, 40.01)[2] / 1852
-    assert coastal.words(data) == f"half of it within {wide:.0f} nmi, from 40-00.6N 010-00.0E to 40-00.6N 010-24.0E"
     assert (
-        coastal.words(at(cells=np.where(np.arange(24).reshape(3, 8) == 9, 1, 0))) == "half of it at 40-00.6N 010-01.2E"
+        coastal.coast_in_words(data)
+        == f"half of it within {wide:.0f} nmi, from 40-00.6N 010-00.0E to 40-00.6N 010-24.0E"
     )
-    assert coastal.words(at(cells=np.zeros((3, 8), int))) == ""
+    assert (
+        coastal.coast_in_words(at(cells=np.where(np.arange(24).reshape(3, 8) == 9, 1, 0)))
+        == "half of it at 40-00.6N 010-01.2E"
+    )
+    assert coastal.coast_in_words(at(cells=np.zeros((3, 8), int))) == ""
 
 
 @pytest.mark.parametrize("lon", [10.0, 179.95])

@@ -47,7 +47,7 @@ def degrees(east: np.ndarray, north: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def forecast(seed: int) -> forecast_build.Forecast:
     lon, lat = (sphere.to_binary(x) for x in degrees(*law(N, np.random.default_rng(seed))))
     none = np.zeros(N, np.int32)
-    return forecast_build.build([Snapshot(TIME, lon, lat, np.full(N, 1 / N), none, none)], scenarios=["only"])
+    return forecast_build.build_forecast([Snapshot(TIME, lon, lat, np.full(N, 1 / N), none, none)], scenarios=["only"])
 
 
 def test_truths_of_the_law_lie_at_every_containment_alike() -> None:
@@ -110,7 +110,7 @@ def test_between_cells_a_normal_is_read_as_it_is(west: float) -> None:
     off = (0.05**2 + (0.04 / 0.5) ** 2) / 8
     outside = np.exp(-(x**2 + y**2) / 2)
     wrapped = (lon + 180) % 360 - 180
-    found = containment.at(data, TIME, wrapped, lat)
+    found = containment.containment_at(data, TIME, wrapped, lat)
     assert (np.abs((1 - found) / outside - 1) < np.expm1(off) + 1e-9).all()
 
 
@@ -121,10 +121,10 @@ def test_where_nothing_is_all_is_needed_and_a_coast_is_no_slope() -> None:
     data["containment"].values[0][dry == 0] = 1.0
     edge = float(data.lon[34])
     lat = float(data.lat[40])
-    at_shore = containment.at(data, TIME, [edge - 0.01, edge, edge + 0.02, edge + 0.04], lat)
+    at_shore = containment.containment_at(data, TIME, [edge - 0.01, edge, edge + 0.02, edge + 0.04], lat)
     assert at_shore[3] == 1.0  # in a cell that holds nothing
     assert at_shore[1:3] == pytest.approx([float(data["containment"][0, 40, 34])] * 2)
     assert at_shore[0] < at_shore[1] + 0.02
-    assert (containment.at(data, TIME, [170.0, 0.0], [0.0, 50.0]) == 1.0).all()
+    assert (containment.containment_at(data, TIME, [170.0, 0.0], [0.0, 50.0]) == 1.0).all()
     with pytest.raises(UserError, match=r"no output is at that time; there are 1, from 211830ZNOV26"):
-        containment.at(data, TIME + np.timedelta64(1, "h"), 0.0, 0.0)
+        containment.containment_at(data, TIME + np.timedelta64(1, "h"), 0.0, 0.0)

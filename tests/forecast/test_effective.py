@@ -74,7 +74,9 @@ def forecast():
     lon, lat = cloud()
     four = np.full(N, 1e-12)
     four[[11, 30_011, 60_011, 90_011]] = 0.25
-    return forecast_build.build([snapshot(lon, lat, w, h) for h, w in ((0, np.ones(N)), (6, four))], scenarios=["only"])
+    return forecast_build.build_forecast(
+        [snapshot(lon, lat, w, h) for h, w in ((0, np.ones(N)), (6, four))], scenarios=["only"]
+    )
 
 
 def own(weight):
@@ -162,7 +164,7 @@ def test_files_carry_the_number_and_few_are_warned_of(forecast):
     features = tables.contours(forecast, {"warning": "w"})
     assert features["warning"] == "w"
     assert {round(f["properties"]["effective_particles"]) for f in features["features"]} == {N, 4}
-    assert tables.numbers(forecast)["outputs"][1]["effective_particles"] == pytest.approx(4, rel=1e-6)
+    assert tables.summary_of_forecast(forecast)["outputs"][1]["effective_particles"] == pytest.approx(4, rel=1e-6)
     told = effective.of_run(data, N)
     assert told == ["only 4 of 100,000 particles are effective at 220030ZNOV26: areas and shares are rough"]
     assert effective.of_run(data.isel(time=[0]), N) == []
@@ -171,7 +173,7 @@ def test_files_carry_the_number_and_few_are_warned_of(forecast):
 def test_what_is_drawn_anew_counts_as_what_it_descends_from():
     lon, lat = cloud(n=6)
     one = snapshot(lon, lat, np.ones(6), 0, family=np.array([2, 2, 5, 5, 5, 0]))
-    made = forecast_build.build([one], scenarios=["only"])
+    made = forecast_build.build_forecast([one], scenarios=["only"])
     assert made.data["effective_particles"].item() == pytest.approx(own(np.array([2.0, 3.0, 1.0])))
 
 
@@ -183,10 +185,10 @@ def test_a_spill_stands_on_its_worlds(tmp_path, words):
     share = np.full(worlds, 1e-6)
     share[[3, 50, 77]] = 0.5, 0.3, 0.2
     one = snapshot(lon, lat, share[world], 0, world=world.astype(np.int32))
-    made = forecast_build.build([one], scenarios=["box", "drum"])
+    made = forecast_build.build_forecast([one], scenarios=["box", "drum"])
     assert made.data["effective_worlds"].item() == pytest.approx(own(share), rel=1e-9)
     assert made.data["effective_particles"].item() > 200
-    assert tables.numbers(made)["outputs"][0]["effective_worlds"] == pytest.approx(own(share), rel=1e-9)
+    assert tables.summary_of_forecast(made)["outputs"][0]["effective_worlds"] == pytest.approx(own(share), rel=1e-9)
     assert effective.of_run(made.data, n)[0].startswith("only 3 of 100 worlds are effective at 211830ZNOV26: ")
     forecast_map.draw_map(made, tmp_path / "map.png", Setting(Imprint("t"), particles=n))
     assert "ONLY 3 OF 100 WORLDS ARE EFFECTIVE: the areas are rough" in words
@@ -200,7 +202,9 @@ def test_a_part_that_stands_on_few_is_told():
     status[:20], scenario[20:70] = Status.ASHORE, 1
     weight[:20], weight[20:70] = 0.1 / 20, 0.2 / 50
     weight[70:] = 0.7 / (n - 70)
-    made = forecast_build.build([snapshot(lon, lat, weight, 0, status, scenario)], scenarios=["first", "second"])
+    made = forecast_build.build_forecast(
+        [snapshot(lon, lat, weight, 0, status, scenario)], scenarios=["first", "second"]
+    )
     assert made.data["effective_particles"].item() == pytest.approx(own(weight), rel=1e-9)
     assert own(weight) > 200
     told = effective.of_run(made.data, n)
@@ -221,7 +225,7 @@ def test_stories_that_stand_on_few_are_one_line():
     for story, (begin, many) in enumerate([(0, 60), (60, 50), (110, 80)]):
         scenario[begin : begin + many], weight[begin : begin + many] = story, 0.2 / many
     one = snapshot(lon, lat, weight, 0, np.zeros(n, np.int32), scenario)
-    made = forecast_build.build([one], scenarios=["a", "b", "c", "d"])
+    made = forecast_build.build_forecast([one], scenarios=["a", "b", "c", "d"])
     assert effective.of_run(made.data, n) == [
         'only 50 particles are effective of scenario "b", and few of 2 others: figures of this part are rough (60 % of the '
         "probability)"
@@ -238,7 +242,7 @@ def two(lon, lat, east, north, share):
     )
     weight = np.where(off > 0, share / k, (1 - share) / (n - k))
     there = np.degrees(sphere.destination(*np.radians([lon, lat]), east, north))
-    return forecast_build.build([snapshot(np.degrees(x), np.degrees(y), weight, 0)], scenarios=["only"]), there
+    return forecast_build.build_forecast([snapshot(np.degrees(x), np.degrees(y), weight, 0)], scenarios=["only"]), there
 
 
 @pytest.mark.parametrize(
@@ -296,8 +300,8 @@ def test_a_plan_made_or_scored_on_few_says_so_everywhere(tmp_path, words):
     plan = replace(searches.plan(), made_on=Count(2500.0, 20_000), scored_on=Count(6.25, 100_000))
     told = "only 6 of 100,000 particles are effective of those that it was scored on: its POS is rough"
     assert plan_text.rough(plan) == [told]
-    assert f"WARNING: {told}" in " ".join(plan_text.text(plan, "T", "run").split())
-    made = plan_files.numbers(plan)
+    assert f"WARNING: {told}" in " ".join(plan_text.plan_text(plan, "T", "run").split())
+    made = plan_files.plan_as_json(plan)
     assert made["warnings"] == [told]
     assert made["effective_particles"] == {"made_on": 2500.0, "scored_on": 6.25}
     for text in (plan_files.gpx(plan, "T", "r"), plan_files.kml(plan, "T", "r")):
@@ -306,22 +310,22 @@ def test_a_plan_made_or_scored_on_few_says_so_everywhere(tmp_path, words):
     assert all(
         f["properties"]["effective_particles_scored_on"] == 6.25 for f in plan_files.geojson(plan, {})["features"]
     )
-    plan_map.draw(forecast, plan, tmp_path / "plan.png", Setting(Imprint("t")))
+    plan_map.plot_plan(forecast, plan, tmp_path / "plan.png", Setting(Imprint("t")))
     assert "ONLY 6 OF 100,000 PARTICLES ARE EFFECTIVE: areas and POS are rough" in words
     words.clear()
     sure = replace(plan, scored_on=Count(60_000.0, 100_000))
-    assert plan_text.rough(sure) == plan_files.numbers(sure)["warnings"] == []
+    assert plan_text.rough(sure) == plan_files.plan_as_json(sure)["warnings"] == []
     assert "WARNING" not in plan_files.gpx(sure) + plan_files.kml(sure) + plan_files.toml(sure)
-    plan_map.draw(forecast, sure, tmp_path / "sure.png", Setting(Imprint("t")))
+    plan_map.plot_plan(forecast, sure, tmp_path / "sure.png", Setting(Imprint("t")))
     assert not any("ONLY" in text for text in words)
 
 
 def test_the_evidence_says_after_what_few_are_left(tmp_path, words):
     updates, setting = searches.search()[3], Setting(Imprint("t"), particles=12_000)
-    evidence_map.draw(updates, tmp_path / "sure.png", setting)
+    evidence_map.plot_evidence(updates, tmp_path / "sure.png", setting)
     assert not any("ONLY" in text for text in words)
     low = [replace(u, ess_after=7.9) if k == 2 else u for k, u in enumerate(updates.all)]
-    evidence_map.draw(replace(updates, all=tuple(low)), tmp_path / "few.png", setting)
+    evidence_map.plot_evidence(replace(updates, all=tuple(low)), tmp_path / "few.png", setting)
     assert "ONLY 8 OF 12,000 PARTICLES ARE EFFECTIVE: shares, evidence and POS are rough" in words
     assert sum(text.endswith(", 8 particles are effective") for text in words) == 1
     told = particles_left.of_run(searches.search()[0].data, 12_000, replace(updates, all=tuple(low)))

@@ -36,7 +36,7 @@ def forecast(lon, lat, spread=6000.0, ashore=True, n=4000):
         time = np.datetime64("2026-11-21T18:30:00") + np.timedelta64(6 * i, "h")
         place = sphere.to_binary(np.degrees(x)), sphere.to_binary(np.degrees(y))
         snapshots.append(Snapshot(time, *place, np.full(n, 1 / n), status, np.zeros(n, np.int32)))
-    return forecast_build.build(snapshots, scenarios=["only"])
+    return forecast_build.build_forecast(snapshots, scenarios=["only"])
 
 
 def size(path):
@@ -84,7 +84,7 @@ def test_pictures_of_nothing(tmp_path):
         np.full(n, Status.PENDING, np.int32),
         np.zeros(n, np.int32),
     )
-    made = forecast_build.build([one], scenarios=["x"])
+    made = forecast_build.build_forecast([one], scenarios=["x"])
     setting = Setting(Imprint("pending"), marks=[Mark(-87.0, 28.0)])
     forecast_map.draw_map(made, tmp_path / "map.png", setting)
     forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", setting)
@@ -170,7 +170,7 @@ def test_labels_keep_apart():
     points = [
         (float(x), float(y), f"22{i:02d}00Z", {"fontsize": 8}) for i, (x, y) in enumerate(rng.random((60, 2)) ** 2)
     ]
-    labels.place(ax, canvas, points, [], must={0})
+    labels.place_labels(ax, canvas, points, [], must={0})
     written = [t for t in ax.texts if t.get_text()]
     boxes = [t.get_window_extent(canvas.get_renderer()) for t in written]
     assert 10 < len(boxes) < 60

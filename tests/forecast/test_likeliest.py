@@ -18,18 +18,18 @@ NAMES = [f"story {k}" for k in range(MANY)]
 
 def test_the_largest_at_any_time_counts_and_one_other_is_no_others() -> None:
     first, last = WEIGHTS / WEIGHTS.sum(), np.roll(WEIGHTS, 5) / WEIGHTS.sum()
-    shown = likeliest.of([first, last])
+    shown = likeliest.likeliest_scenarios([first, last])
     largest = np.maximum(first, last)
     assert sorted(largest[list(shown.alone)]) == sorted(largest)[-10:]
     assert list(shown.alone) == sorted(shown.alone)
     assert sorted([*shown.alone, *shown.rest]) == list(range(MANY))
     assert shown.names(NAMES)[-1] == "7 others"
-    assert likeliest.of(np.ones(11)).rest == ()
-    assert likeliest.of(np.ones(12)).alone == tuple(range(10))
+    assert likeliest.likeliest_scenarios(np.ones(11)).rest == ()
+    assert likeliest.likeliest_scenarios(np.ones(12)).alone == tuple(range(10))
 
 
 def test_sums_and_means_of_the_others() -> None:
-    shown, values = likeliest.of(WEIGHTS), np.random.default_rng(5).normal(size=(3, MANY))
+    shown, values = likeliest.likeliest_scenarios(WEIGHTS), np.random.default_rng(5).normal(size=(3, MANY))
     rest = [k for k in range(MANY) if k not in shown.alone]
     np.testing.assert_allclose(shown.sums(values)[:, -1], [sum(row[k] for k in rest) for row in values])
     np.testing.assert_allclose(
@@ -56,7 +56,7 @@ def snapshots() -> list[Snapshot]:
 
 
 def test_maps_of_the_likeliest_and_of_all_others_add_up(snapshots: list[Snapshot]) -> None:
-    made = build.build(snapshots, scenarios=NAMES)
+    made = build.build_forecast(snapshots, scenarios=NAMES)
     data, shown = made.data, dataset.shown(made.data)
     share = data["scenario_probability"].values
     np.testing.assert_allclose(share, [np.bincount(s.scenario, s.probability) for s in snapshots], rtol=1e-12)
@@ -69,12 +69,12 @@ def test_maps_of_the_likeliest_and_of_all_others_add_up(snapshots: list[Snapshot
     np.testing.assert_allclose(
         data["probability_by_scenario"].sum(["lat", "lon"]), shown.sums(share), rtol=1e-4
     )  # of float32 in thousands of cells
-    last = tables.numbers(made)["outputs"][-1]["scenarios"]
+    last = tables.summary_of_forecast(made)["outputs"][-1]["scenarios"]
     assert len(last) == 11
     assert last["7 others"]["probability"] == pytest.approx(share[-1, list(shown.rest)].sum())
-    assert len(tables.numbers(made)["scenarios"]) == MANY
+    assert len(tables.summary_of_forecast(made)["scenarios"]) == MANY
     # ten equal scenarios and one more keep their maps: it is the same map, whoever is shown
-    few = build.build(
+    few = build.build_forecast(
         [clouds.at(s.time, s.lon, s.lat, s.probability, s.status, s.scenario * 5 // MANY) for s in snapshots],
         scenarios=NAMES[:5],
     )

@@ -42,7 +42,7 @@ def made(weights, east=20_000.0, lon=-60.0, learnt=True):
         snapshots.append(
             clouds.at(time, *place, share, status if i else np.zeros(N, np.int32), scenario.astype(np.int32))
         )
-    return forecast_build.build(snapshots, scenarios=[f"story {k}" for k in range(many)]), snapshots
+    return forecast_build.build_forecast(snapshots, scenarios=[f"story {k}" for k in range(many)]), snapshots
 
 
 def test_each_story_has_the_map_of_its_own_particles():
@@ -101,7 +101,7 @@ def test_the_picture_is_drawn(tmp_path, weights, east, lon):
     marks = [Mark(lon, 12.0, "LKP, story 0"), Mark(lon + 0.2, 12.0, "LKP, story 1")]
     lines = [Line([lon, lon + 0.1], [11.9, 12.1], "story 2")]
     on = Setting(Imprint("Stories", caution="SYNTHETIC"), marks=marks, lines=lines, particles=N)
-    stories_map.draw(forecast, tmp_path / "stories.png", on)
+    stories_map.plot_scenarios(forecast, tmp_path / "stories.png", on)
     with Image.open(tmp_path / "stories.png") as picture:
         assert picture.info["Title"] == "Stories"
         assert picture.width == pytest.approx(130 * (min(len(weights) + 1, 4) * 3.14 - 0.14 + 1.45), abs=2)
@@ -109,7 +109,7 @@ def test_the_picture_is_drawn(tmp_path, weights, east, lon):
 
 def test_stories_of_one_are_not_drawn_apart():
     forecast, _ = made([1.0])
-    matter = chapter.Matter(forecast, None, Setting(Imprint("one")))
+    matter = chapter.ForecastOutputs(forecast, None, Setting(Imprint("one")))
     assert set(chapter.chapter(matter).pictures) == {*chapter.PICTURES}
     assert {*chapter.chapter(replace(matter, forecast=made([1.0, 1.0])[0])).pictures} == {
         *chapter.PICTURES,

@@ -20,7 +20,7 @@ def surveyed(ensemble: Ensemble) -> Survey:
         np.datetime64("2026-11-23"), columns["lon"], columns["lat"], record.probability(ensemble), columns["status"],
         columns["scenario"], cut=ensemble.blocks,
     )  # fmt: skip
-    return survey.of(own, len(ensemble.scenarios))
+    return survey.survey_output(own, len(ensemble.scenarios))
 
 
 def test_the_account_adds_up_and_agrees_with_numpy() -> None:

@@ -32,7 +32,9 @@ METRE = 1 / np.radians(1) / sphere.RADIUS  # [deg] on the equator
 
 def land(*polygons: shapely.Polygon, lat: float = 0.0) -> shoreline.Coast:
     box = Box(-1.5, lat - 1.5, 1.5, lat + 1.5)
-    return shoreline.build(Shore(np.array(polygons, object), "test", (), box), Box(-1.2, lat - 1.2, 1.2, lat + 1.2))
+    return shoreline.build_coast(
+        Shore(np.array(polygons, object), "test", (), box), Box(-1.2, lat - 1.2, 1.2, lat + 1.2)
+    )
 
 
 def jagged(edge: float) -> shapely.Polygon:
@@ -200,7 +202,7 @@ def test_refloating_has_its_half_life_and_waits_for_a_drift_off_the_beach(step: 
         ensemble = record.empty(3, (0, n), COLUMNS)
         ensemble.lon.fill(int(sphere.to_binary(-100 * METRE)))
         scene = Scene(
-            Forcing([Sources({"current": (sources.table("current", times, east, 0 * east),)})], 1),
+            Forcing([Sources({"current": (sources.uniform_field("current", times, east, 0 * east),)})], 1),
             (Motion(DRIFT, kernel.Physics()),),
             kernel.Surroundings(EVERYWHERE, device_coast.upload(shore), beach),
         )

@@ -30,7 +30,7 @@ def built(*polygons: shapely.Polygon) -> shoreline.Coast:
         for p in polygons
     ]
     box = Box(-0.4, LAT - 0.3, 0.4, LAT + 0.3)
-    return shoreline.build(Shore(np.array(degrees, object), "test", (), box), box)
+    return shoreline.build_coast(Shore(np.array(degrees, object), "test", (), box), box)
 
 
 def binary(east: np.ndarray, north: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

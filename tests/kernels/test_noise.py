@@ -31,7 +31,7 @@ def _draw(
     seed0: ti.u32, seed1: ti.u32, stream: ti.i32, step: ti.i32, first: ti.i32, out: ti.types.ndarray(ti.f32, ndim=2)
 ):
     for i in range(out.shape[0]):
-        w = noise.words(seed0, seed1, stream, first + i, step)
+        w = noise.noise_words(seed0, seed1, stream, first + i, step)
         a, b = noise.normals(w[0], w[1]), noise.normals(w[2], w[3])
         out[i, 0], out[i, 1], out[i, 2], out[i, 3] = a[0], a[1], b[0], b[1]
         out[i, 4] = noise.uniform(w[0])
@@ -40,7 +40,7 @@ def _draw(
 @ti.kernel
 def _pairs(seed0: ti.u32, seed1: ti.u32, out: ti.types.ndarray(ti.f32, ndim=2)):
     for i in range(out.shape[0]):
-        w = noise.words(seed0, seed1, 1, i, 0)
+        w = noise.noise_words(seed0, seed1, 1, i, 0)
         n = noise.normals(w[0], w[1])
         out[i, 0], out[i, 1], out[i, 2], out[i, 3] = noise.uniform(w[0]), noise.uniform(w[1]), n[0], n[1]
 

@@ -60,7 +60,7 @@ def test_ensembles_inherit_and_join_row_by_row() -> None:
     for name, column in ensemble.own.items():
         column.from_numpy(values[name].astype(column.to_numpy().dtype))
     few = record.sample(ensemble, np.array([1, 2, 4]))
-    both = record.joined([few, ensemble])
+    both = record.join_ensembles([few, ensemble])
     record.inherit(ensemble.columns.values(), np.array([0, 0, 3, 3, 4]))
     for name in ensemble.own:
         assert few.own[name].to_numpy().tolist() == values[name][[1, 2, 4]].tolist()

@@ -473,7 +473,7 @@ def test_pieces_beyond_the_room_are_asked_for_again() -> None:
     law = Course(Spread(0.0, 2 * np.pi, 1.0), Spread(4.0, 4.0, 4.0), change=4 * HOUR)
     fleet = Fleet(Itinerary((law,)), n, at=(20.0, 3.0))
     room = Room(n)
-    steer.made(fleet.columns, fleet.slots, fleet.plan, fleet.seed, None, step, room)
+    steer.write_pieces(fleet.columns, fleet.slots, fleet.plan, fleet.seed, None, step, room)
     pack = {name: room.columns[f"piece_{name}"].to_numpy() for name in ("begin", "end", "next", "used")}
     more = pack["used"][0] - n
     assert abs(more - 0.5 * n) < 4 * np.sqrt(0.5 * n)

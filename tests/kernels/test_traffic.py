@@ -57,7 +57,7 @@ def _stepped(
         values = column.to_numpy()
         column.from_numpy(np.full_like(values, OTHER[changed]) if changed in OTHER else values + values.dtype.type(1))
     begin = {name: column.to_numpy() for name, column in ensemble.columns.items()}
-    own = batch.of((0, N), (0,), (0,))
+    own = batch.batch_of((0, N), (0,), (0,))
     kernel.mover(ensemble, own, tiles, throughput.RANGES, (physics,), place, 1)(kernel.Step(1, 600, 600, 1))
     return begin, {name: column.to_numpy() for name, column in ensemble.columns.items()}
 

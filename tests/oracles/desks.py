@@ -94,5 +94,5 @@ def finished(place: Path, title: str = "a run", **files: str) -> None:
     held = {"summary.json": json.dumps(summary), "report.html": f"<title>{NASTY}</title>", **{k.replace("_", "."): v for k, v in files.items()}}  # fmt: skip
     for name, text in held.items():
         (place / name).write_text(text, encoding="utf-8")
-    listed = manifest.of("run", [place / name for name in held])
-    (place / manifest.NAME).write_text(manifest.text(listed), encoding="utf-8")
+    listed = manifest.manifest_of("run", [place / name for name in held])
+    (place / manifest.NAME).write_text(manifest.manifest_text(listed), encoding="utf-8")

@@ -178,7 +178,7 @@ def search(lon=-88.2, lat=27.8):
             k += 1
         taken.append(cloud.snapshot(time))
     drawn = np.bincount(cloud.scenario) / N
-    return forecast_build.build(taken, scenarios=NAMES), done, seen, Updates(NAMES, drawn, tuple(updates))
+    return forecast_build.build_forecast(taken, scenarios=NAMES), done, seen, Updates(NAMES, drawn, tuple(updates))
 
 
 def _update(cloud, event, failed):

@@ -11,4 +11,4 @@ COMPARED = ("overdue_boat", "norkyst_raft", "overdue_yacht")  # in test_case_ora
 
 def misses(result: Any) -> list[str]:
     """Return what a result misses of what its case expects at the end, a line each."""
-    return expect.misses(result.case.expect, formats.plain(tables.numbers(result.forecast))["outputs"][-1])
+    return expect.misses(result.case.expect, formats.plain(tables.summary_of_forecast(result.forecast))["outputs"][-1])

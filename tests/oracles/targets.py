@@ -40,7 +40,7 @@ class Fleet:
         for name, value in first.items():
             self.columns[name].from_numpy(np.broadcast_to(np.asarray(value, np.int32), n).copy())
         self.plan = itinerary_tables.plan([itinerary], PERIOD)
-        self.slots = batch.of((0, n), (0,), (0,))
+        self.slots = batch.batch_of((0, n), (0,), (0,))
         tries = runtime.upload(np.zeros(2, np.int64))
         steer.born(self.columns, self.slots, self.plan, seed, WORLD, None, tries)
         self._move = steer.mover(self.columns, self.slots, self.plan, seed, WORLD, None)

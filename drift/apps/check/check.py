@@ -79,7 +79,7 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
     lines |= _families(case, begin.dry)
     own = [k for k, scenario in enumerate(case.scenarios) if scenario.family is None]
     weights = np.array([case.scenarios[k].weight for k in own])
-    shown = likeliest.of(weights)
+    shown = likeliest.likeliest_scenarios(weights)
     for scenario, dry in ((case.scenarios[own[k]], begin.dry[own[k]]) for k in shown.alone):
         lines[f'{story} "{scenario.name}"'] = _scenario(scenario, dry)
     if shown.rest:
@@ -138,7 +138,7 @@ def _scenario(scenario: Scenario, dry: float) -> str:
     """Return how a scenario was understood; dry: share of its prior that is on land."""
     own = scenario.itinerary
     adrift = f"{scenario.object.name}: {scenario.object.description}"
-    text = f"{_weight(scenario.weight)}, {adrift if own is None else voyage.words(own, adrift)}"
+    text = f"{_weight(scenario.weight)}, {adrift if own is None else voyage.itinerary_in_words(own, adrift)}"
     if scenario.object.lull > 0 and (own is None or own.distress is not None):
         text += f"; leads upwind in winds below {scenario.object.lull:.1f} m/s"
     if dry > 0:
@@ -308,7 +308,7 @@ def _widths(widths: Sequence[float]) -> str:
 def _by_scenario(values: Sequence[float], unit: str) -> str:
     """Return a number of each scenario in words; from least to most where they are many."""
     words = [f"{notation.number(value)}{unit}" for value in values]
-    if not likeliest.of(values).rest:
+    if not likeliest.likeliest_scenarios(values).rest:
         return ", ".join(words)
     least, most = notation.number(min(values)), f"{notation.number(max(values))}{unit}"
     return most if f"{least}{unit}" == most else f"{least} to {most}"

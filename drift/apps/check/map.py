@@ -20,7 +20,7 @@ SHEET = Sheet(
 MAP = (0.04, 0.075, 0.93, 0.83)  # left, bottom, width, height, of the page
 
 
-def draw(found: Chart, path: Path, setting: Setting, view: Box | None = None) -> None:
+def plot_network(found: Chart, path: Path, setting: Setting, view: Box | None = None) -> None:
     """Draw a network and its areas on land.
 
     setting: its title and polygons count. view: the part to draw, by default all of it.
@@ -51,7 +51,7 @@ def draw(found: Chart, path: Path, setting: Setting, view: Box | None = None) ->
         if frame.holds(*at):
             words = {"fontsize": 8.5, "weight": "bold", "color": layers.AREA["color"]}
             points.append((float(at[0]), float(at[1]), name, words))
-    labels.place(ax, on.canvas, points, [bar], set(range(len(network.name), len(points))))
+    labels.place_labels(ax, on.canvas, points, [bar], set(range(len(network.name), len(points))))
     sheet.legend(
         on.figure, layers.key(bool(found.areas)), loc="lower right", ncols=3, fontsize=8.5, bbox_to_anchor=(0.97, 0.012)
     )

@@ -24,7 +24,7 @@ from geo.notation import KNOT, NMI
 HOUR = 3600.0
 
 
-def words(itinerary: Itinerary, adrift: str) -> str:
+def itinerary_in_words(itinerary: Itinerary, adrift: str) -> str:
     """Return an itinerary in words; adrift: the same of the object that it is in distress."""
     text = "; then ".join(_phase(phase) for phase in itinerary.phases)
     if itinerary.currents == "felt":

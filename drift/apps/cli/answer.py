@@ -42,7 +42,7 @@ def tell(answer: Answer, command: str, *, as_json: bool, quiet: bool) -> None:
     if answer.show is not None:
         answer.show()
     if answer.title:
-        terminal.facts(answer.title, dict(answer.facts))
+        terminal.print_facts(answer.title, dict(answer.facts))
     for line in answer.lines:
         terminal.say(line)
 

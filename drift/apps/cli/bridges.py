@@ -33,9 +33,11 @@ def bridge(given: argparse.Namespace) -> Answer:
         land = shore.land(asked.coast, bridge_map.box(found))
         attributes = {"casp-drift": __version__, "coast": land.source}
         with page.literal():
-            take.replace(given.out, "--out", lambda half: bridge_map.draw(found, half, land.polygons, attributes))
+            take.replace(
+                given.out, "--out", lambda half: bridge_map.plot_bridge(found, half, land.polygons, attributes)
+            )
         lines.append(f"Picture in {given.out}")
-    return Answer(asked.title, text.answers(found), tuple(lines), text.numbers(found))
+    return Answer(asked.title, text.answers(found), tuple(lines), text.summary_of_bridge(found))
 
 
 def fit_bridge(given: argparse.Namespace) -> Answer:
@@ -53,7 +55,7 @@ def fit_bridge(given: argparse.Namespace) -> Answer:
         from drift.tracking.bridges import fit, text
         from drift.tracking.bridges.stretches import Rules
 
-        tracks = reading.read(given.tracks, given_as="tracks")
+        tracks = reading.read_drifters(given.tracks, given_as="tracks")
         rules = Rules(every, gap, slowest, fastest, without)
         fitted = fit.fit(tracks, method=given.by, error=error, rules=rules, held_out=given.hold_out)
     toml, title = text.toml(fitted), f"{given.tracks}: spread rate of bridges"

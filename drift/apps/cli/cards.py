@@ -48,7 +48,7 @@ def listed() -> Answer:
         choice = devices.automatic(None, {one.backend: one for one in found}.__getitem__)
 
     def show() -> None:
-        table = terminal.table("Backend", "Device", "Kind", "Driver", "Memory", "Usable")
+        table = terminal.empty_table("Backend", "Device", "Kind", "Driver", "Memory", "Usable")
         table.add_row("cpu", "this processor", "processor", "", "", "yes")
         for one in found:
             if not one.devices:

@@ -30,7 +30,9 @@ def experiment(given: argparse.Namespace) -> Answer:
         )  # fmt: skip
     cards.say_choice(given)
     lines = (f"{found.runs:,} runs, each of {found.about}; seed {found.seed}", f"Results in {out}")
-    return Answer(found.title, text.facts(found), lines, {"experiment": text.numbers(found)}, out)
+    return Answer(
+        found.title, text.experiment_facts(found), lines, {"experiment": text.summary_of_experiment(found)}, out
+    )
 
 
 def track(given: argparse.Namespace) -> Answer:
@@ -49,7 +51,7 @@ def track(given: argparse.Namespace) -> Answer:
         )  # fmt: skip
     cards.say_choice(given)
     lines = (f"Map in {out / 'track.png'}, all results in {out}",)
-    return Answer(found.held.study.title, text.facts(found), lines, {"track": files.numbers(found)}, out)
+    return Answer(found.held.study.title, text.track_facts(found), lines, {"track": files.summary_of_track(found)}, out)
 
 
 def checked(given: argparse.Namespace) -> Answer:
@@ -63,7 +65,7 @@ def checked(given: argparse.Namespace) -> Answer:
         changes["seed"] = str(given.seed)
     study = tracking.load(given.case, changes)
     chase.check(study, chase.land())
-    return Answer(f"{study.title}: ready to run", said.facts(study), numbers={"ready": True})
+    return Answer(f"{study.title}: ready to run", said.tracking_facts(study), numbers={"ready": True})
 
 
 def _variant(text: str) -> tuple[str, dict[str, str]]:

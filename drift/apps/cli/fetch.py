@@ -84,9 +84,11 @@ def run(given: argparse.Namespace) -> Answer:
         provider = shipment.order.provider
         notes = "".join(f"; {note}" for note in shipment.notes)
         facts[f"{provider.quantity} {provider.name}"] = (
-            f"{provider.title}: {parts.words(shipment.size)} in {len(shipment.parts)} files{notes}"
+            f"{provider.title}: {parts.size_in_words(shipment.size)} in {len(shipment.parts)} files{notes}"
         )
-    facts["to fetch"] = f"about {parts.words(left)}" + (f"; {len(there)} parts are there from before" if there else "")
+    facts["to fetch"] = f"about {parts.size_in_words(left)}" + (
+        f"; {len(there)} parts are there from before" if there else ""
+    )
     numbers: dict[str, Any] = {
         "providers": [shipment.order.provider.name for shipment in shipments],
         "size_bytes": sum(shipment.size for shipment in shipments),
@@ -96,7 +98,7 @@ def run(given: argparse.Namespace) -> Answer:
         return Answer("Forcing", facts, numbers=numbers)
     aloud = not (given.json or given.quiet)
     if aloud:  # before anything is fetched
-        terminal.facts("Forcing", facts)
+        terminal.print_facts("Forcing", facts)
     if not given.yes and (left > fetching.LARGEST or not all(s.size for s in shipments)):
         _agree(left, asked=aloud)
     try:
@@ -114,11 +116,11 @@ def run(given: argparse.Namespace) -> Answer:
 def _list(own: Path | None) -> Answer:
     from drift.apps.fetch import catalogue
 
-    known = catalogue.read(own).values()
+    known = catalogue.read_providers(own).values()
     columns = ("name", "quantity", "title", "resolution", "stamp", "kind", "credentials")
 
     def show() -> None:
-        page = terminal.table(*columns)
+        page = terminal.empty_table(*columns)
         for one in known:
             page.add_row(*(getattr(one, column) for column in columns))
         terminal.show(page)
@@ -130,7 +132,7 @@ def _agree(size: float, *, asked: bool) -> None:
     """Ask whether to fetch so much; where nobody can be asked, refuse."""
     from drift.apps.fetch import parts
 
-    much = f"about {parts.words(size)}" if size else "an amount that is not known beforehand"
+    much = f"about {parts.size_in_words(size)}" if size else "an amount that is not known beforehand"
     if not asked or not sys.stdin or not sys.stdin.isatty():
         raise UserError(f"this is {much}: add --yes to fetch it, or ask for a smaller box or a shorter span")
     print(f"Fetch {much}? [y/N] ", end="", file=sys.stderr, flush=True)

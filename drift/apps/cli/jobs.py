@@ -32,14 +32,19 @@ def run(given: argparse.Namespace) -> Answer:
         lines = (line, *(f"{name}: {words}" for name, words in met.items()))
         return Answer("", met, lines, {"unchanged": True} | expected, out, status)
     made = result.summary["run"]
-    last = {**tables.numbers(result.forecast, result.setting.opens), **result.summary}
+    last = {**tables.summary_of_forecast(result.forecast, result.setting.opens), **result.summary}
     told = outcome.spill(last) if case.spill else outcome.forecast(last)
     met, expected, status = _expected(case, last)
     # What steers is moved exactly: only drift has a scheme and errors of its step.
     scheme = f"{made['scheme']}, step {made['step_s']} s, " if run_metadata.drifts(case) else ""
     basis = f"{made['particles']:,} particles, {scheme}seed {made['seed']}"
     return Answer(
-        case.title, told | met, (f"{basis}\nResults in {out}",), outcome.numbers(last) | expected, out, status
+        case.title,
+        told | met,
+        (f"{basis}\nResults in {out}",),
+        outcome.summary_of_outcome(last) | expected,
+        out,
+        status,
     )
 
 
@@ -83,21 +88,29 @@ def plan(given: argparse.Namespace) -> Answer:
             else:
                 search_plan, _ = planner.plan(case, out, client=client, **options)
     if case.processing:
-        told, numbers = processing_text.facts(processed), processing_text.plan_numbers(processed)
+        told, numbers = processing_text.processing_facts(processed), processing_text.plan_numbers(processed)
         line = f"Plan of processing in {out / 'processing.txt'}, all results in {out}"
         if processed.towed is not None:
-            towed = placement_text.facts(processed.towed)
+            towed = placement_text.placement_facts(processed.towed)
             told = {"towed arrays": towed.pop("plan")} | towed | {"processing": told.pop("plan")} | told
-            numbers = {"arrays": placement_text.numbers(processed.towed)} | numbers
+            numbers = {"arrays": placement_text.summary_of_placement(processed.towed)} | numbers
             line = f"Plan of towed arrays in {out / 'arrays.txt'}, of processing in {out / 'processing.txt'}, all results in {out}"
         return Answer(case.title, told, (line,), numbers, out)
     if case.tows:
         line = f"Plan in {out / 'arrays.txt'}, all results in {out}"
-        return Answer(case.title, placement_text.facts(arrays), (line,), placement_text.numbers(arrays), out)
+        return Answer(
+            case.title,
+            placement_text.placement_facts(arrays),
+            (line,),
+            placement_text.summary_of_placement(arrays),
+            out,
+        )
     if case.spill:
         assert result.aftermath is not None
-        told, line = patrol_files.facts(patrols, result.aftermath), f"Patrols in {out / 'patrols.txt'}"
-        return Answer(case.title, told, (f"{line}, all results in {out}",), patrol_files.numbers(patrols), out)
+        told, line = patrol_files.patrol_facts(patrols, result.aftermath), f"Patrols in {out / 'patrols.txt'}"
+        return Answer(
+            case.title, told, (f"{line}, all results in {out}",), patrol_files.summary_of_patrols(patrols), out
+        )
     line = f"Search action plan in {out / 'plan.txt'}, all results in {out}"
     return Answer(case.title, outcome.plan(search_plan), (line,), outcome.plan_numbers(search_plan), out)
 
@@ -129,7 +142,9 @@ def compare(given: argparse.Namespace) -> Answer:
             both = [f"{key}={value}" for key, value in changes.items()]
             other = take.case(given.other or given.case, both, given.seed)
         found = contrast.compare(case, other, out, plan=given.plan, **options)
-    return Answer(found.title, text.facts(found), (f"Results in {out}",), text.numbers(found), out)
+    return Answer(
+        found.title, text.comparison_facts(found), (f"Results in {out}",), text.summary_of_comparison(found), out
+    )
 
 
 def verify(given: argparse.Namespace) -> Answer:
@@ -147,7 +162,10 @@ def verify(given: argparse.Namespace) -> Answer:
         from drift.assess.verify import text as verification_text
 
         verified = verification.verify(case, given.drifters, out, **drifters, **options)
-    told, numbers = verification_text.facts(verified), {"verification": files.numbers(verified)}
+    told, numbers = (
+        verification_text.verification_facts(verified),
+        {"verification": files.summary_of_verification(verified)},
+    )
     return Answer(case.title, told, (f"Results in {out}",), numbers, out)
 
 
@@ -161,7 +179,7 @@ def fit_errors(given: argparse.Namespace) -> Answer:
         fitted = fitting.fit_errors(case, given.drifters, held_out=given.hold_out, **drifters)
     toml = fitting_text.toml(fitted)
     title = f"{case.title}: errors that suit the drifters"
-    return Answer(title, fitting_text.facts(fitted), (f"\n{toml}",), {"toml": toml})
+    return Answer(title, fitting_text.fitting_facts(fitted), (f"\n{toml}",), {"toml": toml})
 
 
 def check(given: argparse.Namespace) -> Answer:

@@ -18,7 +18,7 @@ def cases(given: argparse.Namespace) -> Answer:
     shipped, tracking = case_file.shipped(), case_file.shipped("tracking")
 
     def show() -> None:
-        table = terminal.table("Name", "Title")
+        table = terminal.empty_table("Name", "Title")
         for name, title in shipped:
             table.add_row(name, title)
         for name, title in tracking:
@@ -65,7 +65,7 @@ def objects(given: argparse.Namespace) -> Answer:
         seen.setdefault(found.words if found else NO_SEARCH_OBJECT, []).append(drifter.name)
 
     def show() -> None:
-        table = terminal.table("Class", "Description")
+        table = terminal.empty_table("Class", "Description")
         for side in ("Downwind", "Right", "Left"):
             table.add_column(f"{side}\n% + cm/s ± cm/s", justify="right", no_wrap=True)
         for drifter in classes:

@@ -80,7 +80,7 @@ def _opening(numbers: dict[str, Any]) -> Facts:
     return {"map.png, report.html": f"open at {at['date_time_group']}, areas then: {areas}"}
 
 
-def numbers(last: dict[str, Any]) -> dict[str, Any]:
+def summary_of_outcome(last: dict[str, Any]) -> dict[str, Any]:
     """Return the same for programs, at the end of the run: positions in degrees, the rest in SI.
 
     last: the numbers of the summary. What there are more of stands in summary.json.
@@ -138,7 +138,7 @@ def _stories(stories: dict[str, Any]) -> Facts:
     """Return how likely each scenario is; of many the likeliest, and the others together."""
     facts: Facts = {}
     table = np.array([[story[key] for story in stories.values()] for key in ("prior", "posterior")], float)
-    shown = likeliest.of(table)
+    shown = likeliest.likeliest_scenarios(table)
     names = list(stories)
     for name, story in ((names[k], stories[names[k]]) for k in shown.alone):
         remarks = (
@@ -333,7 +333,7 @@ def spill(numbers: dict[str, Any]) -> Facts:
 def _near(place: dict[str, Any]) -> str:
     """Return the nearest town of a stretch that has no name of its own."""
     near = Near(place["near"], 1000 * place["near_km"], place["near_across_water"] == "yes")
-    town = gazetteer.words(near) if place["position"] in place["name"] else ""
+    town = gazetteer.place_in_words(near) if place["position"] in place["name"] else ""
     return town and f", {town}"
 
 
@@ -348,7 +348,7 @@ def _number(figure: dict[str, float]) -> str:
 
 def origin(release: dict[str, Any], warnings: Sequence[str] = ()) -> Facts:
     """Return where and when a spill may have been released, by a backward run."""
-    facts = origin_text.facts(release) | _warnings(warnings)
+    facts = origin_text.origin_facts(release) | _warnings(warnings)
     facts["note"] = (
         "backward: proposes where to look; objects not found are left out. The answer is a forward run (drift run) "
         "with this release as its prior, weighted by all finds"

@@ -24,7 +24,7 @@ def sensor(given: argparse.Namespace) -> Answer:
         scenario=given.scenario, speed=given.speed, overwrite=given.overwrite,
     )  # fmt: skip
     line = f"Maps in {out / 'sensor.png'}, all results in {out}"
-    return Answer(case.title, text.facts(found), (line,), {"sensor": text.numbers(found)}, out)
+    return Answer(case.title, text.reach_facts(found), (line,), {"sensor": text.summary_of_reach(found)}, out)
 
 
 def _beams(text: str) -> list[int]:

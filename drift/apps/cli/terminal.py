@@ -45,12 +45,12 @@ def say(text: str) -> None:
         ) from None
 
 
-def facts(title: str, named: dict[str, str]) -> None:
+def print_facts(title: str, named: dict[str, str]) -> None:
     """Print a title, and facts by name.
 
     On a terminal they are folded to its width; in a pipe each is one line.
     """
-    page = table("", "")
+    page = empty_table("", "")
     page.show_header = False
     for column in page.columns:
         column.overflow = "fold"  # a long path is folded, not cut
@@ -80,7 +80,7 @@ def show(table: Any) -> None:
     say("\n".join(line.rstrip() for line in page.getvalue().splitlines()).strip("\n"))
 
 
-def table(*headings: str) -> Any:
+def empty_table(*headings: str) -> Any:
     """Return an empty table of `rich`."""
     from rich import box
     from rich.table import Table

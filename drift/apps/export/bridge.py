@@ -60,4 +60,4 @@ def _document(route: ET.Element, run: Finished) -> str:
         ET.SubElement(element, "leg", {"geometryType": "Orthodrome"})
         when = "etd" if number == 1 else "eta"
         ET.SubElement(calculated, "sheduleElement", {"waypointId": str(number), when: time})
-    return markup.text(root)
+    return markup.document_text(root)

@@ -45,7 +45,7 @@ def export(
     folder = Path(folder)
     target = Path(out) if out is not None else Path(f"{folder.resolve().name}-{format}")
     publication.check(target, overwrite)
-    run = finished.opened(folder, times)
+    run = finished.open_result(folder, times)
     made = _made(run, format)
     publication.check(target, overwrite, made)
 

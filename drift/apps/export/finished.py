@@ -205,7 +205,7 @@ class Release:
         return _features(self.folder / "origin.geojson")
 
 
-def opened(folder: str | os.PathLike[str], times: Sequence[str] = ()) -> Finished | Release:
+def open_result(folder: str | os.PathLike[str], times: Sequence[str] = ()) -> Finished | Release:
     """Return what a folder holds; raise UserError unless it is the whole result of a run with a forecast, or of `drift origin`.
 
     times: of the outputs that are wanted, as case files write times; all by default. An origin has none.

@@ -55,7 +55,7 @@ def _document(run: Finished) -> str:
             days[day] = kml.folder(document, f"Forecast {day}")
         name = f"{notation.hundredths(share)} % {notation.group(time)}"
         words = f"{run.words}. {notation.hundredths(share)} % area of {told['area_nmi2']:,.1f} nmi2"
-        kml.place(days[day], name, words, spans[notation.iso(time)], f"area{run.shares.index(share)}", geometry)
+        kml.append_place(days[day], name, words, spans[notation.iso(time)], f"area{run.shares.index(share)}", geometry)
     _tracks(document, run, spans)
     _search(document, run)
     _plan(document, run)
@@ -64,8 +64,8 @@ def _document(run: Finished) -> str:
         if listed:
             folder = kml.folder(document, title)
         for place in listed:
-            kml.place(folder, *place)
-    return markup.text(root)
+            kml.append_place(folder, *place)
+    return markup.document_text(root)
 
 
 def release_files(run: Release) -> dict[str, bytes]:
@@ -84,7 +84,7 @@ def release_files(run: Release) -> dict[str, bytes]:
         told = feature["properties"]
         percent = notation.hundredths(float(told["level"] or 0))
         words = f"{run.words}. {percent} % area of {float(told['area_nmi2'] or 0):,.1f} nmi2"
-        kml.place(
+        kml.append_place(
             folder,
             f"{percent} % of the release",
             words,
@@ -98,8 +98,8 @@ def release_files(run: Release) -> dict[str, bytes]:
             name = (
                 "mean position" if told["kind"] == "mean" else f"find {told.get('number', '')} {told.get('name', '')}"
             )
-            kml.place(folder, name.strip(), run.words, span, "", feature["geometry"])
-    return {"origin.kml": markup.text(root).encode()}
+            kml.append_place(folder, name.strip(), run.words, span, "", feature["geometry"])
+    return {"origin.kml": markup.document_text(root).encode()}
 
 
 def _spans(times: Any) -> dict[str, tuple[str, str]]:
@@ -118,11 +118,11 @@ def _tracks(document: ET.Element, run: Finished, spans: Mapping[str, tuple[str, 
         for time, lon, lat in points:
             told = f"{words} {notation.position(lon, lat)}. {run.words}"
             title = f"{name} {notation.group(time)}"
-            kml.place(folder, title, told, spans[notation.iso(time)], "", geojson.point(lon, lat))
+            kml.append_place(folder, title, told, spans[notation.iso(time)], "", geojson.point(lon, lat))
         if len(points) > 1:
             way = geojson.lines([shapely.LineString([(lon, lat) for _, lon, lat in points])])
             span = notation.iso(points[0][0]), notation.iso(points[-1][0])
-            kml.place(folder, f"{name}, way", run.words, span, "track", way)
+            kml.append_place(folder, f"{name}, way", run.words, span, "track", way)
 
 
 def _search(document: ET.Element, run: Finished) -> None:
@@ -143,7 +143,7 @@ def _search(document: ET.Element, run: Finished) -> None:
         ]
         look = "legs" if told["shape"] == "legs" else "field"
         span = (begin, str(told.get("end") or begin))
-        kml.place(folders[name], f"{name} {told['shape']}", ", ".join(facts), span, look, feature["geometry"])
+        kml.append_place(folders[name], f"{name} {told['shape']}", ", ".join(facts), span, look, feature["geometry"])
 
 
 def _plan(document: ET.Element, run: Finished) -> None:
@@ -161,7 +161,7 @@ def _plan(document: ET.Element, run: Finished) -> None:
         span = (told["takeoff"], told["home"]) if out else (told["on_scene"], told["off_scene"])
         words = f"{name}: on scene {told['on_scene']} to {told['off_scene']}, POS {notation.percent(told['pos'])}"
         look = {"area": "field", "csp": ""}.get(told["shape"], "legs")
-        kml.place(folders[name], f"{told['area']} {told['shape']}", words, span, look, feature["geometry"])
+        kml.append_place(folders[name], f"{told['area']} {told['shape']}", words, span, look, feature["geometry"])
 
 
 def _coast(run: Finished) -> Iterator[Place]:

@@ -40,11 +40,11 @@ def release_files(run: Release) -> dict[str, bytes]:
         elif shape["type"] == "MultiPolygon":
             percent = notation.hundredths(float(told["level"] or 0))
             words = f"{percent} % of the release, {float(told['area_nmi2'] or 0):,.1f} nmi2"
-            rings = [line for polygon in shape["coordinates"] for ring in polygon for line in opened(ring)]
+            rings = [line for polygon in shape["coordinates"] for ring in polygon for line in open_rings(ring)]
             lines.append((f"{percent}%", words, rings))
     for name, words, outlines in lines:
         _lines(_track(root, name, words, "area"), outlines)
-    return {"origin.gpx": markup.text(root).encode()}
+    return {"origin.gpx": markup.document_text(root).encode()}
 
 
 def _coast(run: Finished) -> dict[str, bytes]:
@@ -64,7 +64,7 @@ def _coast(run: Finished) -> dict[str, bytes]:
                 called = f"{told['patrol_unit']} {told['stretch_id']}"
                 words = f"{told['time']} {told['stretch']}, {told['length_km']:.1f} km, {told['found']:.2g} found on average"
             _lines(_track(root, called, words, title), feature["geometry"]["coordinates"])
-        made[f"{title}.gpx"] = markup.text(root).encode()
+        made[f"{title}.gpx"] = markup.document_text(root).encode()
     return made
 
 
@@ -93,7 +93,12 @@ def _document(run: Finished, day: str) -> str:
     """Return a document of what is of a day, of all if it is ""."""
     names = _names(run.forecast["time"].values)
     areas = [
-        (time, share, told, [line for polygon in geometry["coordinates"] for ring in polygon for line in opened(ring)])
+        (
+            time,
+            share,
+            told,
+            [line for polygon in geometry["coordinates"] for ring in polygon for line in open_rings(ring)],
+        )
         for time, share, geometry, told in run.areas()
         if notation.iso(time).startswith(day)
     ]
@@ -127,14 +132,14 @@ def _document(run: Finished, day: str) -> str:
                 if shape["type"] == "MultiPolygon"
                 else shape["coordinates"]
             )
-            lines = [line for ring in rings for line in opened(ring)]
+            lines = [line for ring in rings for line in open_rings(ring)]
             _lines(_track(root, str(told["name"]), f"contact {told['time']}, {told['shape']}", "contact"), lines)
     for feature in _legs(run):
         told = feature["properties"]
         if str(told["start"]).startswith(day):
             words = f"{told['kind']} {told['start']} to {told['end']}"
             _lines(_track(root, str(told["name"]), words, "search"), feature["geometry"]["coordinates"])
-    return markup.text(root)
+    return markup.document_text(root)
 
 
 def _thinned(areas: list[Any]) -> tuple[float, list[Any]]:
@@ -188,7 +193,7 @@ def _lines(track: ET.Element, lines: Sequence[Sequence[Sequence[float]]]) -> Non
         gpx.segments(track, *zip(*((point[0], point[1]) for point in line), strict=True))
 
 
-def opened(ring: Sequence[Sequence[float]]) -> Iterator[list[Sequence[float]]]:
+def open_rings(ring: Sequence[Sequence[float]]) -> Iterator[list[Sequence[float]]]:
     """Yield the outline of a ring without the edges along 180 degrees, where a shape was cut that goes on beyond."""
     cut = [abs(a[0]) == abs(b[0]) == 180 for a, b in pairwise(ring)]
     if not any(cut):

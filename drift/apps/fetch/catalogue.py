@@ -72,7 +72,7 @@ def _within(box: Box, area: Box) -> bool:
     return area.east - area.west >= 360 or west + box.east - box.west <= area.east - area.west
 
 
-def read(own: Path | None = None) -> dict[str, Provider]:
+def read_providers(own: Path | None = None) -> dict[str, Provider]:
     """Return all providers by name: the user's own first, which replace shipped ones of the same name.
 
     own: a file in place of `providers.toml` in the user's folder of settings.

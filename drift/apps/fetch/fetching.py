@@ -88,7 +88,7 @@ def orders(
     """Return what to order of whom, for the quantities that are asked for, or those of the providers named."""
     if begin >= end:
         raise UserError(f"the span ends ({end}Z) before it begins ({begin}Z): set --from and --to")
-    known = catalogue.read(own)
+    known = catalogue.read_providers(own)
     named = [known[name].quantity for name in providers if name in known]
     wanted = list(dict.fromkeys(quantities or named or USUAL))
     asked = now()
@@ -108,7 +108,7 @@ def ship(ordered: Sequence[Order], tell: Callable[[str], None]) -> list[Shipment
 
 def there(out: Path, shipments: Sequence[Shipment]) -> dict[str, str]:
     """Return the parts that are there from an interrupted run, digests by key."""
-    folder = parts.place(out, [shipment.order for shipment in shipments])
+    folder = parts.parts_folder(out, [shipment.order for shipment in shipments])
     if not folder.is_dir():
         return {}
     with parts.kept(folder) as held:
@@ -126,7 +126,7 @@ def carry_out(
     """Fetch what is not there yet, and publish all files at once, or none."""
     names = [name for shipment in shipments for name in _names(shipment)]
     publication.check(out, overwrite, [*names, TABLES])
-    folder = parts.place(out, [shipment.order for shipment in shipments])
+    folder = parts.parts_folder(out, [shipment.order for shipment in shipments])
     with parts.kept(folder) as held:
         parts.fetch(folder, shipments, held, report, tell)
         tables = _tables(out, shipments)
@@ -241,7 +241,7 @@ def fetch(
     size = sum(shipment.size for shipment in shipments)
     if size > largest:
         raise UserError(
-            f"this is about {parts.words(size)}, more than the {parts.words(largest)} that `largest` allows"
+            f"this is about {parts.size_in_words(size)}, more than the {parts.size_in_words(largest)} that `largest` allows"
         )
     return carry_out(Path(out), shipments, overwrite=overwrite, report=report or (lambda what, share: None))
 

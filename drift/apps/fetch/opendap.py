@@ -49,7 +49,7 @@ class Header:
         variable = self.variables[name]
         bounds = [spans.get(d, (0, size)) for d, size in zip(variable.dims, variable.shape, strict=True)]
         asked = f"{name}.{name}" if name in self.grids else name
-        return dap.read(self.address, asked, [slice(*b) for b in bounds], variable.dtype, self.timeout)
+        return dap.read_variable(self.address, asked, [slice(*b) for b in bounds], variable.dtype, self.timeout)
 
 
 @dataclass(frozen=True)

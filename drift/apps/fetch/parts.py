@@ -63,7 +63,7 @@ def _wait(seconds: float) -> None:
         time.sleep(min(left, waiting.POLL))
 
 
-def place(out: Path, orders: Sequence[Order]) -> Path:
+def parts_folder(out: Path, orders: Sequence[Order]) -> Path:
     """Return the hidden folder for the parts of some orders: the same for the same orders and folder."""
     said = [[o.provider.name, o.provider.address, str(o.box), str(o.begin), str(o.end)] for o in orders]
     key = hashlib.sha256(json.dumps([str(out.absolute()), said]).encode()).hexdigest()[:12]
@@ -184,7 +184,7 @@ def _refuse_full(folder: Path, size: float) -> None:
     free = shutil.disk_usage(folder).free
     if size * SPARE > free:
         raise UserError(
-            f"{folder.parent} has {words(free)} free, and {words(size)} are to come: free some, or name another folder "
+            f"{folder.parent} has {size_in_words(free)} free, and {size_in_words(size)} are to come: free some, or name another folder "
             "with --out"
         )
 
@@ -196,7 +196,7 @@ def _full(folder: Path, done: int, of: int) -> UserError:
     )
 
 
-def words(size: float) -> str:
+def size_in_words(size: float) -> str:
     """Return a size as people read it."""
     for unit in ("bytes", "kB", "MB"):
         if size < 1000:

@@ -160,7 +160,7 @@ def _middle(grid: PodGrid, when: np.datetime64) -> tuple[float, float]:
     """Return the middle (lon, lat) [deg] of what a table by place sees."""
     assert grid.lon is not None
     assert grid.lat is not None
-    seen = grid_pod.at(grid, when) > 0
+    seen = grid_pod.pod_at(grid, when) > 0
     seen = seen if seen.any() else ~seen
     lon, lat = grid.lon[seen.any(axis=0)], grid.lat[seen.any(axis=1)]
     middle = math.degrees((lon[0] + lon[-1]) / 2), math.degrees((lat[0] + lat[-1]) / 2)

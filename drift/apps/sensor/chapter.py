@@ -12,7 +12,7 @@ from drift.products.maps.imprint import Imprint
 
 
 @dataclass(frozen=True)
-class Matter:
+class SensorOutputs:
     """What the files and the picture are made from."""
 
     found: Reach
@@ -20,20 +20,20 @@ class Matter:
     land: Callable[[Any], Any]  # returns the polygons of land in a box [deg]
 
 
-def _map(matter: Matter, path: Path) -> None:
+def _map(matter: SensorOutputs, path: Path) -> None:
     from drift.apps.sensor import map as reach_map  # here: Matplotlib takes a second to import
 
-    reach_map.draw(matter.found, path, matter.imprint, matter.land)
+    reach_map.plot_reach(matter.found, path, matter.imprint, matter.land)
 
 
-FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+FILES: dict[str, Callable[[SensorOutputs, Stamped], Contents]] = {
     "sensor.nc": lambda matter, stamped: files.grid(matter.found, stamped),
-    "sensor.csv": lambda matter, stamped: files.table(matter.found, stamped),
+    "sensor.csv": lambda matter, stamped: files.reach_csv(matter.found, stamped),
 }
-PICTURES: dict[str, Callable[[Matter, Path], None]] = {"sensor.png": _map}
+PICTURES: dict[str, Callable[[SensorOutputs, Path], None]] = {"sensor.png": _map}
 
 
-def chapter(matter: Matter, attributes: dict[str, str]) -> Chapter:
+def chapter(matter: SensorOutputs, attributes: dict[str, str]) -> Chapter:
     """Return the chapter of a sensor."""
-    numbers = {"sensor": text.numbers(matter.found)}
+    numbers = {"sensor": text.summary_of_reach(matter.found)}
     return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), facts=attributes)

@@ -53,7 +53,7 @@ def _write(case: Case, found: Reach, folder: Path, overwrite: bool) -> None:
         {**told, "run_id": formats.run_id(told)},
     )
     land = coastline.lands(None, case.coast)
-    writer.write(folder, [chapter.chapter(chapter.Matter(found, imprint, land), told)], overwrite=overwrite)
+    writer.write(folder, [chapter.chapter(chapter.SensorOutputs(found, imprint, land), told)], overwrite=overwrite)
 
 
 def _attributes(case: Case, question: Question) -> dict[str, str]:

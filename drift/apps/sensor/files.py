@@ -64,7 +64,7 @@ def grid(found: Reach, stamped: Stamped) -> xr.Dataset:
     return xr.Dataset(data, coords, told)
 
 
-def table(found: Reach, stamped: Stamped) -> str:
+def reach_csv(found: Reach, stamped: Stamped) -> str:
     """Return signal excess and probability of detection by bearing and range, as CSV."""
     step = next((step for step in STEPS if found.extent / NMI / step <= ROWS), STEPS[-1])
     far = np.arange(1, math.floor(found.extent / NMI / step + 1e-9) + 1) * step

@@ -42,7 +42,7 @@ SHARES: tuple[tuple[float, Any], ...] = (
 )  # lines of the probability of detection
 
 
-def draw(found: Reach, path: Path, imprint: Imprint, land: Callable[[Box], Iterable[Any]]) -> None:
+def plot_reach(found: Reach, path: Path, imprint: Imprint, land: Callable[[Box], Iterable[Any]]) -> None:
     """Draw where a sensor hears into a PNG; land: returns its polygons [deg] in a box."""
     both = found.cells.excess is not None
     width = 2 * (WIDE + 0.55) + 0.3 if both else WIDE + 1.1

@@ -73,7 +73,7 @@ def _horizon(asked: Question) -> float:
     assert sees.lon is not None
     assert sees.lat is not None
     x, y = np.meshgrid(sees.lon, sees.lat)
-    seen = (grid_pod.at(sees, asked.time) > 0) | np.zeros(x.shape, bool)
+    seen = (grid_pod.pod_at(sees, asked.time) > 0) | np.zeros(x.shape, bool)
     at = np.radians(asked.place)
     far = sphere.distance(at[0], at[1], x[seen], y[seen])
     # A value reaches as far as the points about it.

@@ -12,7 +12,7 @@ from geo.array import Array
 from geo.notation import NMI
 
 
-def facts(found: Reach) -> dict[str, str]:
+def reach_facts(found: Reach) -> dict[str, str]:
     """Return what was found, by name."""
     asked, pod = found.question, f"{notation.hundredths(reaching.HALF)} %"
     told = {"sensor": f"{asked.sensor.name}, {described(asked)}"}
@@ -83,7 +83,7 @@ def spread(ranges: Array) -> str:
     return f"{least:.1f} nmi at least, {middle:.1f} median, {most:.1f} at most, by bearing"
 
 
-def numbers(found: Reach) -> dict[str, Any]:
+def summary_of_reach(found: Reach) -> dict[str, Any]:
     """Return the same for programs."""
     asked, order, middle = found.question, reaching.order(found), median(found)
     sonar = asked.sonar

@@ -69,7 +69,7 @@ class Desk:
         """A case's text."""
         name = request.path_params["name"]
         try:
-            text, digest = shelf.read(self.folder, name) if names.case(name) else _nothing()
+            text, digest = shelf.read_case(self.folder, name) if names.case(name) else _nothing()
         except UnicodeDecodeError:
             return _refusal(400, f"{name} is not text in UTF-8")
         except OSError as error:
@@ -81,7 +81,7 @@ class Desk:
         name = request.path_params["name"]
         if name not in _shipped():
             return _refusal(404, "no such case")
-        text = template.text(name) if name in template.STORIES else _asset("cases", f"{name}.toml")
+        text = template.template_text(name) if name in template.STORIES else _asset("cases", f"{name}.toml")
         try:
             for beside in set(
                 re.findall(r'"((?:networks|losses)/[\w.-]+)"', text)

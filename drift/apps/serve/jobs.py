@@ -149,7 +149,7 @@ class Jobs:
 
     async def _carry_out(self, job: Job) -> int:
         """Run the command in a process and return its exit status."""
-        if shelf.read(self._folder, job.case)[1] != job.digest:
+        if shelf.read_case(self._folder, job.case)[1] != job.digest:
             raise ValueError(f"{job.case} was changed after this was asked for; ask again")
         given = [job.kind, str(self._folder / job.case)]
         if (what := KINDS[job.kind]) is not None:
@@ -198,7 +198,7 @@ class Jobs:
         return f"ended by {name}, as happens when memory runs out{most} (drift serve --memory)"
 
     def _environment(self, empty: str) -> dict[str, str]:
-        own = {fence.NAME: fence.text(self._fence), "DRIFT_PROGRESS": "lines", "TMPDIR": empty}
+        own = {fence.NAME: fence.fence_text(self._fence), "DRIFT_PROGRESS": "lines", "TMPDIR": empty}
         return os.environ | own | {"PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8:replace"}
 
 

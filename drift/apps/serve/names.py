@@ -34,7 +34,7 @@ def case(name: str) -> bool:
     return plain(name) and name.endswith(".toml")
 
 
-def opened(folder: Path, *parts: str) -> int:
+def open_inside(folder: Path, *parts: str) -> int:
     """Return a handle to read a file inside a folder; raise OSError where it is none, or a link is on the way."""
     if not all(map(plain, parts)):
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
@@ -61,7 +61,7 @@ def opened(folder: Path, *parts: str) -> int:
 
 def contents(folder: Path, *parts: str, largest: int) -> bytes:
     """Return the bytes of a file inside a folder; raise OSError as `opened` does, or where it is larger [bytes]."""
-    with os.fdopen(opened(folder, *parts), "rb") as file:
+    with os.fdopen(open_inside(folder, *parts), "rb") as file:
         data = file.read(largest + 1)
     if len(data) > largest:
         raise OSError(errno.EFBIG, f"it has more than {largest // 2**20} MiB")

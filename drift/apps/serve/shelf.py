@@ -35,7 +35,7 @@ def digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def read(folder: Path, name: str) -> tuple[str, str]:
+def read_case(folder: Path, name: str) -> tuple[str, str]:
     """Return a case's text and digest; raise OSError, or ValueError where it is no text in UTF-8."""
     data = names.contents(folder, name, largest=LARGEST)
     return data.decode("utf-8-sig"), digest(data)
@@ -129,7 +129,7 @@ def _title(folder: Path, name: str, changed: int, size: int) -> str:
     The whole text is parsed in processes of their own only: TOML that is made for it takes hours.
     """
     try:
-        found = TITLE.search(read(folder, name)[0])
+        found = TITLE.search(read_case(folder, name)[0])
     except (OSError, ValueError):
         return ""
     if found is None:
@@ -155,7 +155,7 @@ def runs(folder: Path) -> list[dict[str, Any]]:
 @lru_cache(MOST)
 def _run(folder: Path, name: str, changed: int) -> dict[str, Any] | None:
     """Return what the list says of a run, None where it is no result of ours."""
-    listed = manifest.read(folder / name)
+    listed = manifest.read_manifest(folder / name)
     if listed is None or SUMMARY not in listed.names:
         return None
     try:
@@ -206,8 +206,8 @@ def file_of_run(folder: Path, run: str, name: str) -> tuple[int, int]:
     """Return a handle and the size [bytes] of a file that the manifest of a run names; raise OSError for any other."""
     if not (names.plain(run) and names.plain(name)) or os.path.islink(folder / run):
         raise FileNotFoundError
-    listed = manifest.read(folder / run)
+    listed = manifest.read_manifest(folder / run)
     if listed is None or name not in listed.names:
         raise FileNotFoundError
-    handle = names.opened(folder, run, name)
+    handle = names.open_inside(folder, run, name)
     return handle, os.fstat(handle).st_size

@@ -12,7 +12,7 @@ from drift.products.maps.imprint import Imprint
 
 
 @dataclass(frozen=True)
-class Matter:
+class TrackOutputs:
     """What the files and the picture are made from."""
 
     found: Regained
@@ -20,26 +20,26 @@ class Matter:
     land: Callable[[Any], Any]  # returns the polygons of land in a box [deg]
 
 
-def _map(matter: Matter, path: Path) -> None:
+def _map(matter: TrackOutputs, path: Path) -> None:
     from drift.apps.track import map as track_map  # here: Matplotlib takes a second to import
 
-    track_map.draw(matter.found, path, matter.imprint, matter.land)
+    track_map.plot_track(matter.found, path, matter.imprint, matter.land)
 
 
-FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
-    "track.csv": lambda matter, stamped: files.table(matter.found),
+FILES: dict[str, Callable[[TrackOutputs, Stamped], Contents]] = {
+    "track.csv": lambda matter, stamped: files.track_csv(matter.found),
     "track.gpx": lambda matter, stamped: files.gpx(matter.found, stamped["run_id"]),
     "track_areas.geojson": lambda matter, stamped: files.areas(matter.found, stamped),
 }
-PATHS: dict[str, Callable[[Matter, Stamped], Contents]] = {  # where there is a path
+PATHS: dict[str, Callable[[TrackOutputs, Stamped], Contents]] = {  # where there is a path
     "path.csv": lambda matter, stamped: files.path_table(matter.found),
     "path.gpx": lambda matter, stamped: files.path_gpx(matter.found, stamped["run_id"]),
 }
-PICTURES: dict[str, Callable[[Matter, Path], None]] = {"track.png": _map}
+PICTURES: dict[str, Callable[[TrackOutputs, Path], None]] = {"track.png": _map}
 
 
-def chapter(matter: Matter, attributes: dict[str, str]) -> Chapter:
+def chapter(matter: TrackOutputs, attributes: dict[str, str]) -> Chapter:
     """Return the chapter of a contact that was lost."""
-    numbers = {"track": files.numbers(matter.found)}
+    numbers = {"track": files.summary_of_track(matter.found)}
     written = {**FILES, **(PATHS if isinstance(matter.found.chased, Chased) else {})}
     return Chapter(numbers, bound(written, matter), bound(PICTURES, matter), facts=attributes)

@@ -35,7 +35,7 @@ def check(asked: Study, land: Land) -> None:
     chase = asked.pursuit
     if chase is None:
         return
-    shore, wrong = of(chase, land), []
+    shore, wrong = land_about(chase, land), []
     for what, place in (("the vessel begins", chase.start), ("the destination is", chase.to)):
         if place is not None:
             lon, lat = np.degrees(place)
@@ -53,14 +53,14 @@ def chased(asked: Study, land: Land, coast: DeviceCoast | None) -> Chased | Fail
     if chase is None:
         return None
     try:
-        found = pursuit.pursue(chase, holding.onward(asked, asked.seed, coast), of(chase, land))
+        found = pursuit.pursue(chase, holding.onward(asked, asked.seed, coast), land_about(chase, land))
     except ValueError as error:  # the cloud may be lost, and land may lie between: the track is known all the same
         return Failed(str(error))
     other = holding.onward(asked, noise.seed_for(asked.seed, noise.Purpose.PURSUIT), coast)
     return Chased(found, pursuit.judged(chase, found, other))
 
 
-def of(chase: Pursuit, land: Land) -> "Shore":
+def land_about(chase: Pursuit, land: Land) -> "Shore":
     """Return the land about where a pursuit begins."""
     return Shore(land, float(np.degrees(chase.start[0])))
 

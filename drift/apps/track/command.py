@@ -66,4 +66,4 @@ def _write(found: Regained, out: Path, overwrite: bool, land: Land) -> None:
     imprint = Imprint(
         asked.title, f"{told['source']}, seed {asked.seed}. {about}", {**told, "run_id": formats.run_id(told)}
     )
-    writer.write(out, [chapter.chapter(chapter.Matter(found, imprint, land), told)], overwrite=overwrite)
+    writer.write(out, [chapter.chapter(chapter.TrackOutputs(found, imprint, land), told)], overwrite=overwrite)

@@ -61,10 +61,10 @@ def path_gpx(found: Regained, run: str) -> str:
     for k, time in enumerate(chased.found.path.time):
         when = text.moment(found, time)
         gpx_file.point(way, "rtept", float(lon[k]), float(lat[k]), time=when, name=notation.group(when))
-    return markup.text(root)
+    return markup.document_text(root)
 
 
-def table(found: Regained) -> str:
+def track_csv(found: Regained) -> str:
     """Return the track as CSV."""
     held = found.held
     sized = [f"area_{notation.hundredths(share)}_nmi2" for share in holding.SHARES]
@@ -109,7 +109,7 @@ def gpx(found: Regained, run: str) -> str:
         if good[some[0]]:
             times = [text.moment(found, held.time[k]) for k in some]
             gpx_file.segments(track, lon[some].tolist(), lat[some].tolist(), times)
-    return markup.text(root)
+    return markup.document_text(root)
 
 
 def areas(found: Regained, attributes: Stamped) -> dict[str, Any]:
@@ -126,7 +126,7 @@ def areas(found: Regained, attributes: Stamped) -> dict[str, Any]:
     return geojson.collection(features, attributes)
 
 
-def numbers(found: Regained) -> dict[str, Any]:
+def summary_of_track(found: Regained) -> dict[str, Any]:
     """Return the track at the times shown, for programs."""
     held = found.held
     told = [_numbers(found, one) for one in held.shown]

@@ -34,7 +34,7 @@ PATH = "#e65100"
 WINDOWS = (7.2, 1.0)  # [deg, kn] of courses and speeds, as Borovies has them
 
 
-def draw(found: Regained, path: Path, imprint: Imprint, land: Callable[[Box], Iterable[Any]]) -> None:
+def plot_track(found: Regained, path: Path, imprint: Imprint, land: Callable[[Box], Iterable[Any]]) -> None:
     """Draw a track with its cloud at the times shown into a PNG; land: returns its polygons [deg] in a box."""
     on = sheet.begin(
         Sheet(
@@ -244,7 +244,7 @@ def _times(on: sheet.Page, axes: Axes, frame: Frame, found: Regained) -> None:
             x, y = _project(frame, held.place[k : k + 1])
             when = notation.day_time(text.moment(found, one.time))
             points.append((float(x[0]), float(y[0]), when, {"fontsize": 8, "color": RED}))
-    labels.place(axes, on.canvas, points, (), set(range(len(points))))
+    labels.place_labels(axes, on.canvas, points, (), set(range(len(points))))
 
 
 def _chase(axes: Axes, frame: Frame, found: Regained, chased: Chased) -> list[tuple[Any, str]]:

@@ -22,7 +22,7 @@ def moment(found: Regained, seconds: float) -> np.datetime64:
     return np.datetime64(notation.epoch(found.held.study.start) + round(seconds), "s")
 
 
-def facts(found: Regained) -> dict[str, str]:
+def track_facts(found: Regained) -> dict[str, str]:
     """Return a line for the last detection, each time shown, and for what must be doubted."""
     held = found.held
     seen = held.study.target
@@ -83,7 +83,7 @@ def _anew(found: Regained) -> str:
 def _warnings(found: Regained) -> list[str]:
     """Return what must be doubted: plots that no target made, areas by chance, ways of following that are left out, no path."""
     held, study = found.held, found.held.study
-    told = doubts.of(study)
+    told = doubts.doubts_about(study)
     if rough := [words for one in held.shown for words in _rough(found, one)]:
         told.append(f"areas go by chance: {', '.join(rough)}: take more particles, or take them as rough")
     for one in held.shown:

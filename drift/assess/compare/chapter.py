@@ -15,25 +15,25 @@ from drift.products.report.leaves import Leaf
 
 
 @dataclass(frozen=True)
-class Matter:
+class ComparisonOutputs:
     """What the files and pictures are made from."""
 
     contrast: Contrast
     setting: Setting  # of case A, with the title of both
 
 
-def _map(matter: Matter, path: Path) -> None:
+def _map(matter: ComparisonOutputs, path: Path) -> None:
     from drift.assess.compare import map as contrast_map  # imported here, for Matplotlib takes a second
 
-    contrast_map.draw(matter.contrast, path, matter.setting)
+    contrast_map.plot_comparison(matter.contrast, path, matter.setting)
 
 
-FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+FILES: dict[str, Callable[[ComparisonOutputs, Stamped], Contents]] = {
     "compare.nc": lambda matter, stamped: matter.contrast.data,
-    "compare.csv": lambda matter, stamped: text.table(matter.contrast, stamped["run_id"]),
+    "compare.csv": lambda matter, stamped: text.comparison_csv(matter.contrast, stamped["run_id"]),
     "compare.txt": lambda matter, stamped: text.page(matter.contrast),
 }
-PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+PICTURES: dict[str, Callable[[ComparisonOutputs, Path], None]] = {
     "compare.png": _map,
 }
 
@@ -59,11 +59,16 @@ def _attributes(found: Contrast, jobs: tuple[Job, Job]) -> dict[str, str]:
 
 def chapters(found: Contrast, jobs: tuple[Job, Job]) -> list[Chapter]:
     """Return the chapters of a comparison; jobs: of A and of B."""
-    matter = Matter(found, setting(found, jobs))
+    matter = ComparisonOutputs(found, setting(found, jobs))
     warnings = tuple(
         f"{name}: {words}" for name, result in (("A", found.a), ("B", found.b)) for words in result.summary["warnings"]
     )
-    numbers = {"compare": text.numbers(found), "a": found.a.summary, "b": found.b.summary, "warnings": list(warnings)}
+    numbers = {
+        "compare": text.summary_of_comparison(found),
+        "a": found.a.summary,
+        "b": found.b.summary,
+        "warnings": list(warnings),
+    }
     told = (partial(_leaves, found, [run_metadata.setting(job.case, job.where) for job in jobs]),)
     return [Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), _attributes(found, jobs), warnings, told)]
 
@@ -71,4 +76,4 @@ def chapters(found: Contrast, jobs: tuple[Job, Job]) -> list[Chapter]:
 def _leaves(found: Contrast, begun: Sequence[Setting]) -> list[Leaf]:
     from drift.assess.compare import report
 
-    return report.of(found, begun)
+    return report.comparison_leaves(found, begun)

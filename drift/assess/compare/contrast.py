@@ -28,7 +28,7 @@ from drift.forecast.build import Forecast
 from drift.pipeline import flow, run_setup
 from drift.pipeline.flow import Moved
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import Job, Options, Report, in_turn, opened
+from drift.pipeline.run_options import Job, Options, Report, in_turn, open_job
 from drift.pipeline.run_setup import Start
 from drift.planning.search import planner
 from drift.planning.search.records import Plan
@@ -66,19 +66,19 @@ def compare(
     def job_of(case: Case, name: str) -> Job:
         named = {spec.dataset for spec in case.sources}
         own = {key: data for key, data in (datasets or {}).items() if key in named}
-        return opened(case, Options(None, own, threads, backend, False, _of(report, name)))
+        return open_job(case, Options(None, own, threads, backend, False, _of(report, name)))
 
     job_a, job_b = job_of(case_a, "A"), job_of(case_b, "B")
     begin_a, begin_b, notes = _begun(job_a, job_b)
     drawn = units.of_worlds(a.spill.worlds) if a.spill else units.of_particles(begin_a.ensemble)
     logs = detection.Log(drawn), detection.Log(drawn)
     with contextlib.ExitStack() as stack:
-        run_a = flow.moved(job_a, begin_a, stack, logs[0].note)
-        run_b = flow.moved(job_b, begin_b, stack, logs[1].note)
+        run_a = flow.simulate_run(job_a, begin_a, stack, logs[0].note)
+        run_b = flow.simulate_run(job_b, begin_b, stack, logs[1].note)
         times = pairing.common(case_a, case_b)
         grid = a.grid or forecast_build.grid_of([*_at(run_a, times), *_at(run_b, times)], len(case_a.scenarios))
         result_a, result_b = (
-            flow.made(replace(job, case=replace(job.case, grid=grid)), run)
+            flow.build_result(replace(job, case=replace(job.case, grid=grid)), run)
             for job, run in ((job_a, run_a), (job_b, run_b))
         )
         job_a.tell("compare", 0.0)
@@ -88,7 +88,7 @@ def compare(
     if plan:
         plans, more = _planned(job_a, job_b, begin_a.clock.step, drawn)
         rows += more
-    data = dataset.build(times, grid, pictures, rows)
+    data = dataset.build_comparison(times, grid, pictures, rows)
     found = Contrast(result_a, result_b, tuple(times), tuple(rows), data, begin_a.clock.step, plans, tuple(notes))
     if out is not None:
         job_a.tell("write", 0.0)

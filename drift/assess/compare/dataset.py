@@ -31,7 +31,9 @@ NUMBERS = {
 }
 
 
-def build(times: Sequence[np.datetime64], grid: Cells, maps: Sequence[Maps], rows: Sequence[Difference]) -> xr.Dataset:
+def build_comparison(
+    times: Sequence[np.datetime64], grid: Cells, maps: Sequence[Maps], rows: Sequence[Difference]
+) -> xr.Dataset:
     """Return the maps at each output of both cases, and the figures, one in each row of `figure`."""
     values = [np.stack([getattr(one, name) for one in maps]) for name in ("a", "b", "difference", "error")]
     data: dict[str, tuple[Sequence[str], object, dict[str, str]]] = {

@@ -64,7 +64,9 @@ def areas(snapshot: Snapshot, forecast: Forecast, time: int, units: Units) -> Fi
     at = forecast.data.isel(time=time)
     found: Figures = {}
     degrees = 360.0 / sphere.TURN
-    inside = containment.at(forecast.data, at["time"].values, snapshot.lon * degrees, snapshot.lat * degrees)
+    inside = containment.containment_at(
+        forecast.data, at["time"].values, snapshot.lon * degrees, snapshot.lat * degrees
+    )
     total = float(weight.sum())
     for share, size in zip(at["share"].values, at["containment_area"].values, strict=True):
         influence = np.zeros(units.size)

@@ -40,7 +40,7 @@ LEVELS = (0.25, 0.6)  # of the largest difference, where lines run
 SURE = 2.0  # standard errors from which a difference is shaded
 
 
-def draw(found: Contrast, path: Path, setting: Setting) -> None:
+def plot_comparison(found: Contrast, path: Path, setting: Setting) -> None:
     """Draw the maps of the last output of both cases."""
     on = sheet.begin(SHEET)
     at = found.data.isel(time=-1)
@@ -77,7 +77,7 @@ def draw(found: Contrast, path: Path, setting: Setting) -> None:
         f"; mean of B from that of A: {east.difference / NMI:+.2f} ± {east.error / NMI:.2f} nmi east, "
         f"{north.difference / NMI:+.2f} ± {north.error / NMI:.2f} nmi north"
     )  # fmt: skip
-    areas = "; ".join(f"{row.name} area {text.words(row)}" for row in found.at(found.times[-1], "area"))
+    areas = "; ".join(f"{row.name} area {text.difference_in_words(row)}" for row in found.at(found.times[-1], "area"))
     sheet.head(on, setting.imprint, f"Valid {when}{shift}", areas.replace("+-", "±").replace("nmi2", "nmi²"))
     if set(found.given) != {"nothing"}:
         a, b = found.given

@@ -13,7 +13,7 @@ from drift.products.report.leaves import Leaf
 TENTH = 0.1  # share of the probability in the cells that end the colours of its map
 
 
-def of(found: Contrast, begun: Sequence[Setting]) -> list[Leaf]:
+def comparison_leaves(found: Contrast, begun: Sequence[Setting]) -> list[Leaf]:
     """Return the leaves of a comparison; begun: where A and where B began."""
     data = found.data
     a, b, more = (data[name].values.astype(np.float64) for name in ("probability_a", "probability_b", "difference"))
@@ -31,9 +31,9 @@ def of(found: Contrast, begun: Sequence[Setting]) -> list[Leaf]:
             [_top(values / area, values) for values in a],
         ),
         *_begun(begun),
-        leaves.table("The two cases", [("", "Case", "words"), ("", "What it is", "words"), ("", "Weighed by", "words")], rows=names),
-        leaves.table("Differences", columns, file="compare.csv", by_time="time", note=f"Errors are of chance alone, on common random numbers.{given}"),
-        leaves.text("In words", file="compare.txt"),
+        leaves.table_leaf("The two cases", [("", "Case", "words"), ("", "What it is", "words"), ("", "Weighed by", "words")], rows=names),
+        leaves.table_leaf("Differences", columns, file="compare.csv", by_time="time", note=f"Errors are of chance alone, on common random numbers.{given}"),
+        leaves.text_leaf("In words", file="compare.txt"),
     ]  # fmt: skip
 
 

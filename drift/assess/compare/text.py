@@ -28,7 +28,7 @@ OUR_GRID = (
 WORST = 10  # stretches that are listed in words
 
 
-def table(found: Contrast, run: str) -> str:
+def comparison_csv(found: Contrast, run: str) -> str:
     """Return every figure as CSV, in SI; run: its run_id, in the last column."""
     rows = [
         [notation.iso(row.time), row.quantity, row.name, row.unit, *map(_cell, (row.a, row.b, row.difference, row.error)), *found.given, run]
@@ -41,7 +41,7 @@ def _cell(value: float) -> str:
     return f"{value:.9g}" if value == value else ""
 
 
-def numbers(found: Contrast) -> dict[str, Any]:
+def summary_of_comparison(found: Contrast) -> dict[str, Any]:
     """Return the figures for the summary, in SI."""
     return {
         "step_s": found.step,
@@ -57,7 +57,7 @@ def numbers(found: Contrast) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def facts(found: Contrast) -> dict[str, str]:
+def comparison_facts(found: Contrast) -> dict[str, str]:
     """Return what differs at the last output of both, and of the run as a whole, a line each."""
     last = found.times[-1]
     told = {
@@ -69,12 +69,12 @@ def facts(found: Contrast) -> dict[str, str]:
     }
     for row in found.rows:
         if row.time == last and row.quantity not in SHIFT and (row.a or row.b) and row not in found.of_run:
-            told[_called(row)] = words(row)
+            told[_called(row)] = difference_in_words(row)
     stretches = 0
     for row in found.of_run:
         stretches += row.quantity == "ashore"
         if stretches <= WORST + 1:  # all of them together come first
-            told[_called(row)] = words(row)
+            told[_called(row)] = difference_in_words(row)
     told["errors"] = "standard errors of the differences, of chance alone, on common random numbers"
     told |= {f"note {k}": note for k, note in enumerate(found.notes, 1)}
     return told | {
@@ -102,7 +102,7 @@ def _called(row: Difference) -> str:
     return row.quantity if row.name == "all" else f"{row.quantity}, {row.name}"
 
 
-def words(row: Difference) -> str:
+def difference_in_words(row: Difference) -> str:
     """Return a difference in words: A, B, B - A and its standard error."""
     scale, decimals, unit, sign = {
         "1": (100.0, 1, "%", " points"), "m2": (1 / NMI**2, 1, "nmi2", ""), "objects": (1.0, 1, "objects", ""),
@@ -128,7 +128,7 @@ def _shift(found: Contrast) -> str:
 def page(found: Contrast) -> str:
     """Return all that differs as a page of text."""
     lines = [found.title, ""]
-    told = facts(found)
+    told = comparison_facts(found)
     wide = max(map(len, told))
     lines += [f"{name:<{wide}}  {fact}" for name, fact in told.items()]
     lines += ["", "By time: mean of B from that of A [nmi], and areas [nmi2]", ""]
@@ -140,6 +140,6 @@ def page(found: Contrast) -> str:
             else f"{east.difference / NMI:+.2f} +- {east.error / NMI:.2f} east, "
             f"{north.difference / NMI:+.2f} +- {north.error / NMI:.2f} north"
         )
-        areas = "; ".join(f"{row.name} {words(row)}" for row in found.at(time, "area"))
+        areas = "; ".join(f"{row.name} {difference_in_words(row)}" for row in found.at(time, "area"))
         lines.append(f"{notation.group(time)}  {shift}; {areas}")
     return "\n".join(lines) + "\n"

@@ -11,31 +11,31 @@ from drift.products.maps.imprint import Imprint
 
 
 @dataclass(frozen=True)
-class Matter:
+class ExperimentOutputs:
     """What the files and the picture are made from."""
 
     found: Experiment
     imprint: Imprint
 
 
-def _picture(matter: Matter, path: Path) -> None:
+def _picture(matter: ExperimentOutputs, path: Path) -> None:
     from drift.assess.experiment import map as experiment_map  # here: Matplotlib takes a second to import
 
-    experiment_map.draw(matter.found, path, matter.imprint)
+    experiment_map.plot_experiment(matter.found, path, matter.imprint)
 
 
-FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
-    "experiment.csv": lambda matter, stamped: text.table(matter.found),
+FILES: dict[str, Callable[[ExperimentOutputs, Stamped], Contents]] = {
+    "experiment.csv": lambda matter, stamped: text.experiment_table(matter.found),
     "experiment_runs.csv": lambda matter, stamped: text.runs(matter.found),
 }
-TRACKING: dict[str, Callable[[Matter, Stamped], Contents]] = {  # of tracking cases
+TRACKING: dict[str, Callable[[ExperimentOutputs, Stamped], Contents]] = {  # of tracking cases
     "experiment_times.csv": lambda matter, stamped: text.times(matter.found),
 }
-PICTURES: dict[str, Callable[[Matter, Path], None]] = {"experiment.png": _picture}
+PICTURES: dict[str, Callable[[ExperimentOutputs, Path], None]] = {"experiment.png": _picture}
 
 
-def chapter(matter: Matter, attributes: dict[str, str]) -> Chapter:
+def chapter(matter: ExperimentOutputs, attributes: dict[str, str]) -> Chapter:
     """Return the chapter of an experiment."""
-    numbers = {"experiment": text.numbers(matter.found)}
+    numbers = {"experiment": text.summary_of_experiment(matter.found)}
     files = {**FILES, **(TRACKING if matter.found.tracking is not None else {})}
     return Chapter(numbers, bound(files, matter), bound(PICTURES, matter), facts=attributes)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drift import version
 from drift.assess.experiment import chapter, ordinary
-from drift.assess.experiment.chapter import Matter
+from drift.assess.experiment.chapter import ExperimentOutputs
 from drift.assess.experiment.record import Experiment
 from drift.case.tracking import tracking
 from drift.products.files import formats, writer
@@ -76,4 +76,4 @@ def _write(found: Experiment, out: Path, overwrite: bool) -> None:
         **formats.inputs(found.files),
     }
     imprint = Imprint(found.title, f"{told['source']}, seed {found.seed}", {**told, "run_id": formats.run_id(told)})
-    writer.write(out, [chapter.chapter(Matter(found, imprint), told)], overwrite=overwrite)
+    writer.write(out, [chapter.chapter(ExperimentOutputs(found, imprint), told)], overwrite=overwrite)

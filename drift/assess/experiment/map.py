@@ -21,7 +21,7 @@ MANY = 0.5  # of the runs, that hold a track where a mean is drawn
 DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)), (0, (1, 1)))
 
 
-def draw(found: Experiment, path: Path, imprint: Imprint) -> None:
+def plot_experiment(found: Experiment, path: Path, imprint: Imprint) -> None:
     """Draw an experiment into a PNG: errors over time of a tracking case, else every run's figures."""
     if found.tracking is None:
         _scatter(found, path, imprint)

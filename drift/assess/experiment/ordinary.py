@@ -43,7 +43,7 @@ def run(
         for number in range(runs):
             case = case_file.load(name, {**changes, **own, "seed": str(first.seed + number)})
             result = flow.run(case, backend=backend, threads=threads)
-            summary = {**tables.numbers(result.forecast, result.setting.opens), **result.summary}
+            summary = {**tables.summary_of_forecast(result.forecast, result.setting.opens), **result.summary}
             rows[-1].append(dict(_found(summary, paths, way)))
             done += 1
             tell("running", done / (runs * len(ways)))
@@ -60,7 +60,7 @@ def run(
 
 def _found(summary: Mapping[str, Any], paths: Sequence[str], way: str) -> Iterator[tuple[str, float]]:
     """Give the numbers that are asked for, by their paths; of the usual ones those that there are; way: whose summary it is."""
-    every = dict(numbers(summary))
+    every = dict(numbers_by_path(summary))
     for path in paths or USUAL:
         if path.endswith("*"):
             own = {key: value for key, value in every.items() if key.startswith(path[:-1])}
@@ -74,15 +74,15 @@ def _found(summary: Mapping[str, Any], paths: Sequence[str], way: str) -> Iterat
         yield from own.items()
 
 
-def numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
+def numbers_by_path(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
     """Give all numbers of a summary by their paths; the last of a list by -1 too."""
     if isinstance(value, Mapping):
         for key, inner in value.items():
-            yield from numbers(inner, f"{path}.{key}" if path else str(key))
+            yield from numbers_by_path(inner, f"{path}.{key}" if path else str(key))
     elif isinstance(value, (list, tuple)):
         for k, inner in enumerate(value):
-            yield from numbers(inner, f"{path}.{k}")
+            yield from numbers_by_path(inner, f"{path}.{k}")
         if value:
-            yield from numbers(value[-1], f"{path}.-1")
+            yield from numbers_by_path(value[-1], f"{path}.-1")
     elif isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool):
         yield path, float(value)

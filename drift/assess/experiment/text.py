@@ -31,7 +31,7 @@ def called(found: Experiment, group: list[int]) -> str:
     return "; ".join(found.ways[k] for k in group)
 
 
-def facts(found: Experiment) -> Mapping[str, str]:
+def experiment_facts(found: Experiment) -> Mapping[str, str]:
     """Return a line for each way of following, those that came to the same in one; in brackets what it differs from the first, run by run."""
     told = {}
     for group in alike(found):
@@ -81,7 +81,7 @@ def published(found: Experiment, way: int, name: str) -> float | None:
     return found.published.get(found.ways[way], {}).get(name)
 
 
-def table(found: Experiment) -> str:
+def experiment_table(found: Experiment) -> str:
     """Return the figures of each way of following, with what was published beside them."""
     header = ["way", "figure", "unit", "runs", "mean", "standard_error"]
     header += [f"quantile_{100 * share:.0f}" for share in QUANTILES] + [
@@ -142,7 +142,7 @@ def _cell(value: float) -> float | None:
     return float(f"{value:.6g}") if np.isfinite(value) else None
 
 
-def numbers(found: Experiment) -> dict[str, Any]:
+def summary_of_experiment(found: Experiment) -> dict[str, Any]:
     """Return the same for programs."""
     return {
         "runs": found.runs, "seed": found.seed, "about": found.about,

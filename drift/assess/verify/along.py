@@ -139,7 +139,7 @@ def residuals(ways: Sequence[Ways], wind: bool) -> Tracks:
         elapsed = _since(np.where(way.fresh, 0.0, way.step), way.fresh)
         regressors[:, 0, -2] = regressors[:, 1, -1] = elapsed
         pieces.append((way.step, way.fresh, excess, regressors))
-    return error_law.joined(pieces)
+    return error_law.join_drifters(pieces)
 
 
 def _since(values: Array, fresh: Array) -> Array:

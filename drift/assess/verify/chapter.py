@@ -15,24 +15,24 @@ from kernels.runtime import runtime
 
 
 @dataclass(frozen=True)
-class Matter:
+class VerificationOutputs:
     """What the files and pictures are made from."""
 
     verification: Verification
     imprint: Imprint
 
 
-def _picture(matter: Matter, path: Path) -> None:
+def _picture(matter: VerificationOutputs, path: Path) -> None:
     from drift.assess.verify import map as verification_map  # imported here, for Matplotlib takes a second
 
-    verification_map.draw(matter.verification, path, matter.imprint)
+    verification_map.plot_verification(matter.verification, path, matter.imprint)
 
 
-FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
-    "verify.csv": lambda matter, stamped: verification_files.table(matter.verification, stamped["run_id"]),
+FILES: dict[str, Callable[[VerificationOutputs, Stamped], Contents]] = {
+    "verify.csv": lambda matter, stamped: verification_files.verification_csv(matter.verification, stamped["run_id"]),
     "verify.nc": lambda matter, stamped: verification_files.dataset(matter.verification),
 }
-PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+PICTURES: dict[str, Callable[[VerificationOutputs, Path], None]] = {
     "verify.png": _picture,
 }
 
@@ -53,6 +53,6 @@ def chapter(verification: Verification) -> Chapter:
         "case": case.text,
     }
     footer = f"{attributes['source']}, seed {case.seed}, {attributes['uncertainty']}"
-    matter = Matter(verification, Imprint(case.title, footer, attributes))
-    numbers = {"verification": verification_files.numbers(verification), "inputs": inputs}
+    matter = VerificationOutputs(verification, Imprint(case.title, footer, attributes))
+    numbers = {"verification": verification_files.summary_of_verification(verification), "inputs": inputs}
     return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), attributes)

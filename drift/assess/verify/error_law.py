@@ -188,7 +188,7 @@ def _regressed(scaled: Array, log_variance: Array) -> Likelihood:
     return Likelihood(float(own.sum() + restricted), mean, covariance, own, innovations, log_variance, score)
 
 
-def joined(pieces: Sequence[tuple[Array, Array, Array, Array]]) -> Tracks:
+def join_drifters(pieces: Sequence[tuple[Array, Array, Array, Array]]) -> Tracks:
     """Return drifters as one record.
 
     pieces: (step (n,), fresh (n,), data (n, 2), regressors (n, 2, unknowns)).

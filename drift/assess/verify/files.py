@@ -20,7 +20,7 @@ SUMMARY = (
 )
 
 
-def numbers(result: Verification) -> dict[str, Any]:
+def summary_of_verification(result: Verification) -> dict[str, Any]:
     """Return the summary's numbers: shares held, separations and skill, each with its clustered standard error."""
 
     def numbers_of(estimate: Estimate) -> dict[str, Any]:
@@ -54,7 +54,7 @@ def numbers(result: Verification) -> dict[str, Any]:
     }
 
 
-def table(result: Verification, run: str) -> str:
+def verification_csv(result: Verification, run: str) -> str:
     """Return a row for each forecast and lead as CSV; run: the run_id, for the last column."""
     header = ["drifter", "start", "lead_h", "lon", "lat", "separation_m", "persistence_m", "way_m", "spread_m",
               "aground", "ashore", "containment", "rank_along", "rank_across", "skill", "lost", "run_id"]  # fmt: skip

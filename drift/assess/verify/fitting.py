@@ -115,7 +115,7 @@ def fit_errors(
     tell("read", 0.0)
     names = dict(columns or {})
     along.check_case(case, names)
-    tracks = read(files, names)
+    tracks = read_tracks(files, names)
     if not isinstance(gap, int | float) or not gap > 0:
         raise UserError(f"--max-gap {gap!r} must be above 0 s")
     believed = drifter_records.believed(tracks, fastest)
@@ -128,20 +128,20 @@ def fit_errors(
     runtime.start(backend, threads, sum(track.time.size for track in seen.tracks))
     comparison = along.compared(case, seen.tracks, names, gap, fastest, datasets)
     tell("fit", 0.0)
-    return of(comparison.ways, comparison.wind, (*notes, *comparison.notes), held_out=held_out)
+    return fitted_errors(comparison.ways, comparison.wind, (*notes, *comparison.notes), held_out=held_out)
 
 
-def read(files: str | os.PathLike[str] | Sequence[Track], columns: Mapping[str, str]) -> Sequence[Track]:
+def read_tracks(files: str | os.PathLike[str] | Sequence[Track], columns: Mapping[str, str]) -> Sequence[Track]:
     """Return the tracks of a file with the columns that are wanted, or the tracks that are given."""
     if isinstance(files, str | os.PathLike):
-        return reading.read(Path(files), list(dict.fromkeys(columns.values())))
+        return reading.read_drifters(Path(files), list(dict.fromkeys(columns.values())))
     for track in files:
         if missing := [name for name in columns.values() if name not in track.columns]:
             raise UserError(f'drifter "{track.name}" has no column "{missing[0]}"')
     return files
 
 
-def of(ways: Sequence[Ways], wind: bool, notes: Sequence[str] = (), *, held_out: bool = False) -> Fit:
+def fitted_errors(ways: Sequence[Ways], wind: bool, notes: Sequence[str] = (), *, held_out: bool = False) -> Fit:
     """Return the fit of errors to ways; wind: whether windage is fitted too; held_out: as in `fit_errors`."""
     tracks = along.residuals(ways, wind)
     if tracks.increments < FEWEST:
@@ -151,7 +151,7 @@ def of(ways: Sequence[Ways], wind: bool, notes: Sequence[str] = (), *, held_out:
             f"give {FEWEST} or more{told}"
         )
     if wind and not _wind_varies(tracks):
-        return of(ways, False, (*notes, ONE_WIND), held_out=held_out)
+        return fitted_errors(ways, False, (*notes, ONE_WIND), held_out=held_out)
     free = _free(ways)
     law, best = likeliest(tracks, free)
     parameters, clustered = _parameters(law, tracks, free, best.log)

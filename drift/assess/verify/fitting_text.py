@@ -18,7 +18,7 @@ WORDS = {
 }
 
 
-def facts(fit: Fit) -> Facts:
+def fitting_facts(fit: Fit) -> Facts:
     """Return lines, by name, on what was fitted, how well it is known, and how it was checked."""
     many = len(fit.names) > 1
     lines = {

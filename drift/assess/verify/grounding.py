@@ -48,7 +48,7 @@ def _off_in_tile(coast: Coast, west: int, south: int, lon: Array, lat: Array, fa
     land = shore.land(coast.source, box, coast.lakes)
     if not land.polygons.size:
         return np.full(lon.size, np.inf)
-    lines = edges.build(land, box)
+    lines = edges.build_coast(land, box)
     tree = spatial.KDTree(_along(edges.edges(lines)))
     places = np.stack(sphere.vector(np.radians(lon), np.radians(lat)), axis=1)
     chord, _ = tree.query(places, distance_upper_bound=farthest / sphere.RADIUS)

@@ -42,7 +42,9 @@ AMBIGUOUS = re.compile(r"\d{1,2}[/.]\d{1,2}[/.]\d{4}\b")
 DATASETS = (".nc", ".nc4", ".netcdf", ".cdf")
 
 
-def read(path: str | os.PathLike[str], columns: Sequence[str] = (), given_as: str = "--drifters") -> tuple[Track, ...]:
+def read_drifters(
+    path: str | os.PathLike[str], columns: Sequence[str] = (), given_as: str = "--drifters"
+) -> tuple[Track, ...]:
     """Return the tracks of a file; columns: names of other columns to read with them.
 
     given_as: what the command line calls the file. Raises UserError, one line, where the file holds no tracks.

@@ -55,7 +55,7 @@ def headline(result: Verification) -> str:
     return text[0].upper() + text[1:]
 
 
-def facts(result: Verification) -> Facts:
+def verification_facts(result: Verification) -> Facts:
     """Return all lines for a terminal, by name."""
     skill = result.mean(result.skill)
     count, days = len(result.names), np.unique(result.start // verification.DAY).size
@@ -129,7 +129,7 @@ def errors(result: Verification) -> str:
     """Return the errors with which the forecasts were made."""
     case = result.case
     wind_error = case.wind_error if case.scenarios[0].object.uses_wind else None
-    text = forcing_error.words(case.current_error, wind_error, case.diffusivity, case.diffusivity_by)
+    text = forcing_error.errors_in_words(case.current_error, wind_error, case.diffusivity, case.diffusivity_by)
     return f"{text}; start {result.error:.0f} m (50 %); object {case.scenarios[0].object.name}"
 
 

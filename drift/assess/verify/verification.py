@@ -154,7 +154,7 @@ def verify(
     _check(every, hours, error, gap, particles)
     names = dict(columns or {})
     along.check_case(case, names)
-    believed = drifter_records.believed(fitting.read(files, names), fastest)
+    believed = drifter_records.believed(fitting.read_tracks(files, names), fastest)
     notes = list(believed.notes)
     stranded = starts.strand(believed, case.coast, ends_aground)
     known, left_out = starts.known_starts(stranded, case.coast, every, hours * 3600, gap, fastest, notes)

@@ -327,7 +327,7 @@ class SourceTable(fields.Table):
             yield f"parameters.{key}", abs(self.parameters.get(key, 0.0))
 
 
-def place(quantity: str, number: int, name: str | None) -> str:
+def source_label(quantity: str, number: int, name: str | None) -> str:
     """Return what messages call a source: by its name, or its number among those of its quantity."""
     return f'{quantity} "{name}"' if name else f"{quantity} {number}"
 

@@ -156,7 +156,7 @@ class NetworkTable(fields.Table):
         return Network(tuple(number), lon, lat, start, end, width.astype(float), one_way)
 
 
-def read(path: str | Path) -> Chart:
+def read_network(path: str | Path) -> Chart:
     """Return the network of a TOML or GeoJSON file.
 
     Raises one UserError for all that is wrong with it, a line for each mistake.

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from drift.case.forcing import sources
-from drift.case.scenario.network import read
+from drift.case.scenario.network import read_network
 from drift.case.scenario.route import AsGiven
 from drift.case.values import fields
 from drift.case.values.places import AreaTable, EllipseTable, ErrorTable
@@ -253,7 +253,7 @@ class LanesTable(fields.Table):
 
     def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Ways:
         """Return the record; raise UserError where the network or the route is at fault."""
-        chart = read(sources.one_file(self.network, folder, "network"))
+        chart = read_network(sources.one_file(self.network, folder, "network"))
         route = self.route.route(chart.network)
         columns = (x.tolist() for x in (route.lon, route.lat, route.half, route.toward))
         places = [Abeam(*at) for at in zip(*columns, strict=True)]

@@ -75,7 +75,7 @@ class BarrierTable(LineTable):
         return Barrier(name, begin, over, tuple(self.points), self.detection, reported, error, false)
 
 
-def build(tables: list[BarrierTable], run: Run) -> tuple[Barrier, ...]:
+def build_barriers(tables: list[BarrierTable], run: Run) -> tuple[Barrier, ...]:
     """Return the barriers by end; raise UserError for all that is wrong with them."""
     every = build_each([table.barrier for table in tables], [table.name for table in tables], "barrier", run)
     return tuple(sorted(every, key=lambda barrier: barrier.end))

@@ -306,7 +306,7 @@ class ContactTable(fields.Table):
         return contact
 
 
-def build(tables: list[ContactTable], run: Run) -> tuple[Contact, ...]:
+def build_contacts(tables: list[ContactTable], run: Run) -> tuple[Contact, ...]:
     """Return the contacts by time; raise UserError for what is wrong with one."""
     tables = [one for table in tables for one in table.each(run)]
     contacts = build_each([table.contact for table in tables], [table.name for table in tables], "contact", run)

@@ -187,7 +187,7 @@ class LookTable(FieldTable):
         )  # fmt: skip
 
 
-def build(tables: list[LookTable], run: Run) -> tuple[Look, ...]:
+def build_looks(tables: list[LookTable], run: Run) -> tuple[Look, ...]:
     """Return the looks by time; raise UserError for all that is wrong with them."""
     looks: list[Any] = build_each([table.look for table in tables], [table.name for table in tables], "look", run)
     return tuple(sorted(looks, key=lambda look: look.time))

@@ -147,7 +147,7 @@ class PatternTable(fields.Table):
             to = math.radians(COMPASS[self.corner]) - turn
             reach = along * math.cos(to) + across * math.sin(to)
         else:
-            lon, lat = patterns.at(self.centre, turn, along, across)
+            lon, lat = patterns.points_along(self.centre, turn, along, across)
             reach = -sphere.distance(*np.radians([lon, lat]), *np.radians(self.corner))
         order = np.argsort(reach)
         if isinstance(self.corner, str) and reach[order[-1]] - reach[order[-2]] < 1e-3 * (self.length + self.width):

@@ -206,7 +206,7 @@ class ResamplingTable(fields.Table):
         return self
 
 
-def build(tables: list[UnitTable], run: Run, plan: PlanSpec) -> tuple[Unit, ...]:
+def build_units(tables: list[UnitTable], run: Run, plan: PlanSpec) -> tuple[Unit, ...]:
     """Return the units; raise UserError for what is wrong with one."""
 
     def maker(table: UnitTable) -> Callable[[str, Run], Unit]:

@@ -52,7 +52,7 @@ class PresenceTable(FieldTable):
         )
 
 
-def build(tables: list[PresenceTable], run: Run) -> tuple[Presence, ...]:
+def build_presences(tables: list[PresenceTable], run: Run) -> tuple[Presence, ...]:
     """Return the presences by end; raise UserError for all that is wrong with them."""
     every = build_each([table.presence for table in tables], [table.name for table in tables], "presence", run)
     return tuple(sorted(every, key=lambda presence: presence.end))

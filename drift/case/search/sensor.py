@@ -209,7 +209,7 @@ class SensorTable(fields.Table):
 
         kind: of unit, "" if not given; speed [m/s], NaN if not given. Raises ValueError for what is missing.
         """
-        given, own = self.sweep_width, laws.of(self.law).width
+        given, own = self.sweep_width, laws.formulas_of(self.law).width
         if given is None and own is not None:
             return (own(self.law),) * len(scenarios)
         if given is None:

@@ -165,7 +165,7 @@ class SortieTable(SensorTable):
 
     def _anywhere(self) -> bool:
         """Whether its law is of an area searched anyhow, without legs."""
-        return laws.of(self.law).detects == "anywhere"
+        return laws.formulas_of(self.law).detects == "anywhere"
 
     def _check_effort(self) -> None:
         given = [key for key in ("pod", "spacing") if getattr(self, key) is not None]
@@ -279,13 +279,13 @@ class SortieTable(SensorTable):
         if self.area is not None:
             return self.area.area(), None
         if self.track is not None:
-            return None, track_table.cut(
+            return None, track_table.completed_share(
                 track_table.made_good(self.track, "track", self.speed, since, until, run), self.completed, until
             )
         if self.waypoints is not None and self.waypoints[0][0] is not None:
             legs = self._transit(pattern_table.timed_legs(self.waypoints, run.start))
             track_table.check_speed(legs, self.speed, 0.0, "waypoints")
-            return None, track_table.cut(legs, self.completed, until)
+            return None, track_table.completed_share(legs, self.completed, until)
         if since is None:
             raise ValueError("start is missing and has no default")
         if stands is not None:
@@ -296,13 +296,13 @@ class SortieTable(SensorTable):
         if self.pattern is not None:
             assert self.speed is not None  # one_search
             pattern = self._planned(since, until, self.speed)
-            return pattern.area, track_table.cut(pattern.legs, self.completed, until)
+            return pattern.area, track_table.completed_share(pattern.legs, self.completed, until)
         assert self.waypoints is not None
         if self.speed is None:
             raise ValueError('speed is missing: waypoints without times are passed at one, like speed = "90 kn"')
         lon_, lat_ = np.array([place for _, place in self.waypoints]).T
         try:
-            return None, track_table.cut(
+            return None, track_table.completed_share(
                 self._transit(polyline.fly(lon_, lat_, since, self.speed)), self.completed, until
             )
         except ValueError as error:
@@ -419,7 +419,7 @@ class SortieTable(SensorTable):
         return replace(sortie, frame="datum", datum=datum, marker=marker)
 
 
-def build(tables: Sequence[SortieTable], run: Run) -> tuple[Sortie, ...]:
+def build_sorties(tables: Sequence[SortieTable], run: Run) -> tuple[Sortie, ...]:
     """Return the sorties by start; raise UserError for what is wrong with one, or between them."""
     sorties = build_each([table.sortie for table in tables], [table.name for table in tables], "sortie", run)
     return tuple(sorted(sorties, key=lambda sortie: (sortie.start, sortie.end)))

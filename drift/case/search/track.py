@@ -34,7 +34,7 @@ def made_good(given: Any, key: str, speed: float | None, since: float | None, un
         check_speed(legs, speed, 0.0, key)
         return legs
     file = sources.one_file(given, run.folder, key)
-    track = gpx.read(file)
+    track = gpx.read_gpx(file)
     try:
         legs = pattern_table.track_legs(track, since, speed)
     except ValueError as error:
@@ -52,9 +52,9 @@ def made_good(given: Any, key: str, speed: float | None, since: float | None, un
     return legs
 
 
-def cut(legs: Legs, completed: float, until: float | None) -> Legs:
+def completed_share(legs: Legs, completed: float, until: float | None) -> Legs:
     """Return what was completed of legs, a share; refuse what cannot be done by the end [s since 1970]."""
-    done = polyline.cut(legs, completed)
+    done = polyline.cut_legs(legs, completed)
     if until is None or done.time[-1] <= until:
         return done
     if done.time[-1] > until + SLACK:
@@ -74,7 +74,7 @@ def marker(track: str | None, positions: Any, start: np.datetime64, end: np.date
     """
     if track is not None:
         file = sources.one_file(track, run.folder, "marker.track")
-        points = gpx.read(file)
+        points = gpx.read_gpx(file)
         if not points.time:
             raise ValueError(f'marker.track: "{Path(file).name}" has no times')
         legs = pattern_table.track_legs(points, None, None)

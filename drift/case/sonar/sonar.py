@@ -189,7 +189,7 @@ class LossTable(FileTable):
         from drift.evidence.sensors import losses, spreading
 
         if self.file is not None:
-            return losses.read(sources.one_file(self.file, folder, "loss.file"), name="loss", **self.asked())
+            return losses.read_losses(sources.one_file(self.file, folder, "loss.file"), name="loss", **self.asked())
         absorbed = self.absorption
         if absorbed is None:
             absorbed = 0.0 if self.frequency is None else spreading.absorption(self.frequency)
@@ -319,7 +319,7 @@ class SonarTable(fields.Table):
         heard: Noise
         if isinstance(self.noise, FileTable):
             path = sources.one_file(self.noise.file, folder, "noise.file")
-            heard = noise.read(path, name="noise", **self.noise.asked())
+            heard = noise.read_noise(path, name="noise", **self.noise.asked())
         elif isinstance(self.noise, list):
             heard = noise.of_table(self.noise, name="noise")
         else:
@@ -376,7 +376,7 @@ class PodTable(FileTable):
         from drift.evidence.sensors import pod_grid
 
         path = sources.one_file(self.file, folder, "pod.file")
-        return pod_grid.read(
+        return pod_grid.read_pod(
             path, per=math.nan if self.per is None else self.per, gaps=self.gaps, coordinates=self.coordinates,
             name="pod", **self.asked(),
         )  # fmt: skip
@@ -433,7 +433,7 @@ class NamedSensorTable(fields.Table):
         return Sensor(name, sees, place, math.radians(self.heading or 0.0), self.group or name)
 
 
-def build(tables: Sequence[NamedSensorTable], run: Run) -> dict[str, Sensor]:
+def build_sensors(tables: Sequence[NamedSensorTable], run: Run) -> dict[str, Sensor]:
     """Return the sensors by name; raise UserError for all that is wrong with them."""
     every = build_each([table.sensor for table in tables], [table.name for table in tables], "sensor", run)
     return {sensor.name: sensor for sensor in _in_groups(every)}

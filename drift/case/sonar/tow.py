@@ -94,7 +94,7 @@ class TowTable(fields.Table):
         )
 
 
-def build(tables: Sequence[TowTable], run: Run, plan: PlanSpec) -> tuple[Tow, ...]:
+def build_ships(tables: Sequence[TowTable], run: Run, plan: PlanSpec) -> tuple[Tow, ...]:
     """Return the ships; raise UserError for what is wrong with one."""
 
     def maker(table: TowTable) -> Callable[[str, Run], Tow]:

@@ -135,7 +135,7 @@ class _Log:
         return notation.iso(self._start + np.timedelta64(round(time), "s"))
 
 
-def read(
+def read_detections(
     file: str, folder: Path, start: np.datetime64, end: float, sensors: tuple[Sensor, ...]
 ) -> tuple[Detections, path.Path | None]:
     """Return what was detected, and where the tracker was if a file says so.

@@ -95,7 +95,7 @@ def way(table: TrackerTable, own: path.Path | None, start: np.datetime64, end: f
 def _tracked(file: str, folder: Path, start: np.datetime64, end: float) -> path.Path:
     """Return where a tracker was by a GPX file, from the start on to an end [s after it]. Raises UserError, one line."""
     name = sources.one_file(file, folder, "track")
-    points = gpx.read(name)
+    points = gpx.read_gpx(name)
     if not points.time:
         raise ValueError(f'"{Path(name).name}" has points without times; a tracker needs them')
     time = np.array(points.time) - notation.epoch(start)

@@ -448,7 +448,7 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
             followed, own = detections.told(table.detection, start, table.duration, sensors)
     elif table.detections is not None:
         with wrong.gathered():
-            followed, own = detections.read(table.detections, folder, start, table.duration, sensors)
+            followed, own = detections.read_detections(table.detections, folder, start, table.duration, sensors)
     wrong.refuse()
     tracker: path.Path | None = None
     with wrong.gathered("tracker"):

@@ -31,7 +31,7 @@ class Track:
     joined: tuple[bool, ...]  # whether a point and the next belong to one segment
 
 
-def read(path: Path | str) -> Track:
+def read_gpx(path: Path | str) -> Track:
     """Return the track of a GPX file; raise UserError, one line, for a file that holds none."""
     path = Path(path)
     try:

@@ -22,7 +22,7 @@ from geo.grids.grid import Grid, sample
 ACROSS = 14  # arrows along the longer side of a map
 
 
-def at(sources: Sources, quantity: str, times: npt.NDArray[np.datetime64], lon: Array, lat: Array) -> Array:
+def ambient_at(sources: Sources, quantity: str, times: npt.NDArray[np.datetime64], lon: Array, lat: Array) -> Array:
     """Return a quantity at places [deg] (m,) and times (t,): east and north [m/s], (t, m, 2), NaN where there is none.
 
     As for particles, of sources by priority the first with a value at a place counts, and what is added to it must have one too.
@@ -58,7 +58,7 @@ def over(sources: Sources, box: Box, times: npt.NDArray[np.datetime64]) -> dict[
     """Return what flows over a box, at places spread over it: ACROSS along its longer side, by quantity."""
     lon, lat = lattice(box, ACROSS)
     there = [quantity for quantity in QUANTITIES if sources.of(quantity)]
-    return {quantity: Flow(times, lon, lat, at(sources, quantity, times, lon, lat)) for quantity in there}
+    return {quantity: Flow(times, lon, lat, ambient_at(sources, quantity, times, lon, lat)) for quantity in there}
 
 
 def lattice(box: Box, across: int) -> tuple[Array, Array]:

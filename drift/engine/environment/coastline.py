@@ -40,7 +40,7 @@ def around(spec: EnsembleSpec, box: Box, sources: Sequence[Source]) -> Box:
     return reached.grown(MARGIN / np.cos(np.radians(min(abs(box.north), 80))), MARGIN)
 
 
-def opened(
+def open_coast(
     spec: EnsembleSpec,
     asked: Coast,
     box: Box,
@@ -60,7 +60,7 @@ def opened(
     else:
         whole = shore.land(asked.source, box, asked.lakes)
         own = seen(whole) if seen and not spec.release else whole
-        coast = shoreline.build(own, box) if own.polygons.size else None
+        coast = shoreline.build_coast(own, box) if own.polygons.size else None
     _check_ways(spec, asked, box, whole, coast if own is whole else None)
     if coast is not None:
         for scenario in spec.scenarios:
@@ -114,7 +114,7 @@ def _about(lon: float, lat: float, land: Shore) -> shoreline.Coast:
     south, north = max(lat - NEAR, -90.0), min(lat + NEAR, 90.0)
     box = Box(west, south, west + 2 * NEAR, north)
     cut = box.grown(MARGIN, MARGIN)
-    return shoreline.build(Shore(shore.clip(land.polygons, cut), land.source, box=cut), box)
+    return shoreline.build_coast(Shore(shore.clip(land.polygons, cut), land.source, box=cut), box)
 
 
 def _check_ways(spec: EnsembleSpec, asked: Coast, box: Box, whole: Shore, coast: shoreline.Coast | None) -> None:
@@ -127,7 +127,7 @@ def _check_ways(spec: EnsembleSpec, asked: Coast, box: Box, whole: Shore, coast:
     if not inside:  # the case's own domain is smaller than its ways, or its sources are
         whole, coast = shore.land(asked.source, need, asked.lakes), None
     if coast is None and whole.polygons.size:
-        coast = shoreline.build(whole, box if inside else need)
+        coast = shoreline.build_coast(whole, box if inside else need)
     if coast is not None:
         sailable.refuse(spec.scenarios, coast)
 

@@ -124,7 +124,7 @@ def open_for(
     coastal = coastline.around(spec, box, base)
     shared = common.coast(spec, asked, coastal) if common else None
     try:
-        land, coast = coastline.opened(spec, asked.coast, coastal, seen, shared)
+        land, coast = coastline.open_coast(spec, asked.coast, coastal, seen, shared)
     except UserError as error:
         raise UserError(*wrong, *error.lines) from None
     if wrong:
@@ -236,7 +236,7 @@ def _open(
     common: Common | None,
     about: tuple[float, float] | None,
 ) -> Source:
-    """Return one source, cropped to the box; about: see geo.forcing.sources.table."""
+    """Return one source, cropped to the box; about: see geo.forcing.sources.uniform_field."""
     if spec.each:
         own = [_open(part, box, period, held, common, about) for part in spec.parts]
         called = _called(spec)
@@ -246,7 +246,9 @@ def _open(
         return sources.constant(spec.quantity, *spec.constant, name=spec.name, about=about)
     if spec.table is not None:
         table = spec.table
-        rows = sources.table(spec.quantity, np.array(table.times), table.east, table.north, name=spec.name, about=about)
+        rows = sources.uniform_field(
+            spec.quantity, np.array(table.times), table.east, table.north, name=spec.name, about=about
+        )
         return replace(rows, gapless=True, notes=rows.notes + _far_apart(rows))
     if spec.analytic is not None:
         first, last = period.span

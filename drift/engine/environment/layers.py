@@ -181,7 +181,7 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
     networks = [
         phase.lanes.network for _, own in stories for phase in own.phases if isinstance(phase, Ways) and phase.lanes
     ]
-    network = network_of.joined(networks) if networks else None
+    network = network_of.join_networks(networks) if networks else None
     places_of = {scenario.name: scenario.family for scenario in scenarios if scenario.family is not None}
     ways = _ways(stories)
     groups = [(shapes, family.together(names, places_of)) for shapes, names in ways.items()]

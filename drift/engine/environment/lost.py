@@ -50,7 +50,7 @@ def lacking(box: Box, ensemble: Ensemble, scene: Scene, clock: Clock) -> Lacking
     lon, lat, release, logs = (
         column.to_numpy() for column in (ensemble.lon, ensemble.lat, ensemble.release, ensemble.log_weight)
     )
-    member = members.of(ensemble)
+    member = members.member_of_particles(ensemble)
     parts = []
     for blocks, (first, last) in ensemble.blocks.cuts(PART):
         own = slice(first, last)

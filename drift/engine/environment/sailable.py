@@ -64,7 +64,7 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
     if followed:
         routes = {route.node: route for _, route in ((own.network, own.route) for own in followed)}
         try:
-            corridors.refuse_lanes(lanes.joined([own.network for own in followed]), coast, list(routes.values()))
+            corridors.refuse_lanes(lanes.join_networks([own.network for own in followed]), coast, list(routes.values()))
         except UserError as error:
             wrong |= dict.fromkeys(error.lines)
     seen: dict[InRing, None] = {}

@@ -53,7 +53,7 @@ def physics(errors: Errors, scenario: Scenario) -> Physics:
     return Physics(current.std, current.time, wind.std, wind.time, errors.diffusivity, scenario.jibe_rate)
 
 
-def draw(ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors: Errors) -> None:
+def draw_objects(ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors: Errors) -> None:
     """Draw each particle's own leeway and errors."""
     draw_leeway(ensemble, slots, key, scenario.object)
     draw_errors(ensemble, slots, key, errors)
@@ -135,7 +135,7 @@ DRIFT: Model = Model(
     forced=True,
     columns=COLUMNS,
     terms=physics,
-    draw=draw,
+    draw=draw_objects,
     mover=mover,
     between=between,
     still=still,

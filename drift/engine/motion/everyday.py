@@ -42,7 +42,7 @@ def _meanings() -> dict[str, tuple[str, str]]:
     }
 
 
-def words() -> tuple[str, ...]:
+def everyday_words() -> tuple[str, ...]:
     """Return all words and phrases that stand for classes."""
     return tuple(_meanings())
 

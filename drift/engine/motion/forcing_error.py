@@ -50,7 +50,7 @@ def switched_off(current: ForcingError, wind: ForcingError | None) -> str:
     return f"NO ERROR of {' and '.join(off)} in this forecast" if off else ""
 
 
-def words(current: ForcingError, wind: ForcingError | None, diffusivity: float, by: str) -> str:
+def errors_in_words(current: ForcingError, wind: ForcingError | None, diffusivity: float, by: str) -> str:
     """Return in a line which errors a run has, and who says so.
 
     by: who says the diffusivity. wind: None where there is no wind.
@@ -75,7 +75,7 @@ def _words(quantity: str, error: ForcingError) -> str:
     return f"{quantity} {' and '.join(f'{text} ({whose})' for text, whose in parts)}"
 
 
-def numbers(current: ForcingError, wind: ForcingError, diffusivity: float, by: str) -> dict[str, Any]:
+def summary_of_errors(current: ForcingError, wind: ForcingError, diffusivity: float, by: str) -> dict[str, Any]:
     """Return the errors of a run for its summary, each with who says so."""
     errors: dict[str, Any] = {
         name: {

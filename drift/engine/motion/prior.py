@@ -59,7 +59,9 @@ def empty(spec: EnsembleSpec, own: Layout, *, still: bool = False) -> Ensemble:
     return record.empty(spec.seed, own, columns)
 
 
-def draw(spec: EnsembleSpec, coast: DeviceCoast | None, own: Layout | None = None, *, still: bool = False) -> Prior:
+def draw_ensemble(
+    spec: EnsembleSpec, coast: DeviceCoast | None, own: Layout | None = None, *, still: bool = False
+) -> Prior:
     """Return the initial ensemble of scenarios, conditioned on water; own: of a shard, by default of the whole run.
 
     still: without what tells how its particles move, which takes more than half of the time, unless any steers.
@@ -82,7 +84,7 @@ def draw(spec: EnsembleSpec, coast: DeviceCoast | None, own: Layout | None = Non
             MODELS[scenario.model].draw(ensemble, slots, key, scenario, spec.errors)
     begun = np.array(tried)
     if steering:
-        begun = begun + steer.draw(ensemble, steering, coast)
+        begun = begun + steer.draw_targets(ensemble, steering, coast)
     counts = counts_of(spec)
     within = ensemble.places - np.repeat(whole.bounds[:-1], np.diff(own.bounds))  # number in its scenario
     spare = within >= np.repeat(counts, np.diff(own.bounds))

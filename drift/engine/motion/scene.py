@@ -184,7 +184,7 @@ class Scene:
         What is adrift has the velocity of its drift then, with the mean of what chance adds in the step; what lies still
         has none.
         """
-        lives, end = life.read(ensemble), step.elapsed + step.duration
+        lives, end = life.read_lives(ensemble), step.elapsed + step.duration
         left, finish = lives.way(step.elapsed, end)
         status = lives.at(time)
         lon, lat = begin.lon.to_numpy(), begin.lat.to_numpy()

@@ -41,7 +41,7 @@ PositionsAt = Callable[[Ensemble, Scene, Begin | None, int], tuple[Array, Array]
 
 
 class Filter(Protocol):
-    """An observer that changes the weights of an ensemble while it moves: see drift.evidence.filter.filter.Search."""
+    """An observer that changes the weights of an ensemble while it moves: see drift.evidence.filter.filter.SearchFilter."""
 
     def stops(self, after: int, until: int, step: kernel.Step | None = None) -> list[int]:
         """Return the times in (after, until] at which an update takes effect [s after start]; step: the step between the two."""
@@ -168,7 +168,7 @@ def run(
 
 def _moment(ensemble: Ensemble, look: Callable[[], tuple[Array, Array]], time: int, search: Filter | None) -> Moment:
     """Return positions, with each particle's status and weight as they were known at that time."""
-    status = life.read(ensemble).at(time)  # first: the columns that it reads have gone before others come
+    status = life.read_lives(ensemble).at(time)  # first: the columns that it reads have gone before others come
     if search is None:
         return Moment(time, *look(), status, ensemble.layout)
     weight = search.log_weight(time)

@@ -58,7 +58,7 @@ class Noted(NamedTuple):
     size: int
 
 
-class Taken(NamedTuple):
+class SnapshotIndex(NamedTuple):
     """A moment in a reel's file."""
 
     time: np.datetime64
@@ -67,15 +67,15 @@ class Taken(NamedTuple):
 
 
 @dataclass
-class Reel:
+class ShardFile:
     """What some of a run's particles, whole blocks, were like at all output times, in a file."""
 
     file: BufferedRandom | Path  # open, or where it is: a run may have more of them than a process may hold open
     n: int
-    taken: list[Taken] = field(default_factory=list)
+    taken: list[SnapshotIndex] = field(default_factory=list)
     end: dict[str, int] = field(default_factory=dict)  # where columns of the end of the run begin
     notes: dict[str, Noted] = field(default_factory=dict)  # what else a run takes down, by name
-    later: "tuple[Reel, int] | None" = None  # a file of log weights given after the run, and where its own begin
+    later: "tuple[ShardFile, int] | None" = None  # a file of log weights given after the run, and where its own begin
     size: int = 0  # [bytes] of what it has taken
 
     def record(self, period: Period, moments: Iterable[Moment]) -> None:
@@ -92,7 +92,7 @@ class Reel:
             where = {name: self._keep(name, values) for name, values in columns.items()}
             if moment.lineage is not None and "family" not in where:
                 where["family"] = before["family"]
-            self.taken.append(Taken(period.time(moment.elapsed), moment.layout, where))
+            self.taken.append(SnapshotIndex(period.time(moment.elapsed), moment.layout, where))
 
     def end_with(self, ensemble: Ensemble) -> None:
         """Take up what an ensemble has at the end of the run."""
@@ -183,7 +183,7 @@ class Reel:
 class Portion:
     """Some particles of a reel: of each scenario a range of blocks, one after another."""
 
-    reel: Reel
+    reel: ShardFile
     slots: tuple[Slots, ...]
 
     def read(self, name: str, at: int | None = None) -> Array:
@@ -192,19 +192,19 @@ class Portion:
 
 
 @contextlib.contextmanager
-def scratch(folder: Path | None) -> Iterator[Reel]:
+def scratch(folder: Path | None) -> Iterator[ShardFile]:
     """Give a file for what is made of a run's particles, which goes at the end; None: in the temporary folder."""
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
-            yield Reel(file, 0)
+            yield ShardFile(file, 0)
     except NoRoom as error:
         raise _refusal(str(error), folder) from error
 
 
-class Spool(Sequence[Snapshot]):
+class SnapshotStore(Sequence[Snapshot]):
     """Snapshots of a run, read back one at a time or part by part; a context, which closes its files at its end."""
 
-    def __init__(self, stretches: Sequence[Sequence[Reel]], *, worlds: bool = False) -> None:
+    def __init__(self, stretches: Sequence[Sequence[ShardFile]], *, worlds: bool = False) -> None:
         """Put the reels of all shards together, stretch after stretch of the run; all moments of one are in one stretch.
 
         worlds: whether particles share unknowns with others of their world.
@@ -223,8 +223,8 @@ class Spool(Sequence[Snapshot]):
         outputs: int,
         *,
         worlds: bool = False,
-        more: Callable[[Reel], None] | None = None,
-    ) -> "Spool":
+        more: Callable[[ShardFile], None] | None = None,
+    ) -> "SnapshotStore":
         """Take up the moments of a run as they come, in a temporary file that goes when it is closed.
 
         Weights are theirs, or those that the ensemble has afterwards. outputs: the number of moments; more: takes down
@@ -236,7 +236,7 @@ class Spool(Sequence[Snapshot]):
             file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by __exit__
         except OSError as error:
             raise _refusal(error.strerror or str(error)) from error
-        reel = Reel(file, ensemble.n)
+        reel = ShardFile(file, ensemble.n)
         try:
             reel.record(period, moments)
             reel.end_with(ensemble)
@@ -249,7 +249,7 @@ class Spool(Sequence[Snapshot]):
             raise
         return cls([[reel]], worlds=worlds)
 
-    def __enter__(self) -> "Spool":
+    def __enter__(self) -> "SnapshotStore":
         return self
 
     def __exit__(
@@ -334,7 +334,7 @@ class Spool(Sequence[Snapshot]):
         reels, own = self._moments[at]
         return (self._some(reel, at, span) for reel in reels for span in reel.spans(own))
 
-    def _some(self, reel: Reel, number: int, span: tuple[int, int]) -> Snapshot:
+    def _some(self, reel: ShardFile, number: int, span: tuple[int, int]) -> Snapshot:
         """Return a range of blocks of a reel's part of a snapshot, by its number."""
         at = self._moments[number][1]
         taken = reel.taken[at]
@@ -414,7 +414,7 @@ def _within(blocks: Blocks, slots: Array) -> tuple[Array, Array]:
 class AtTime:
     """A snapshot of a spool, to be read part by part: a drift.engine.particles.snapshot.Output."""
 
-    spool: Spool
+    spool: SnapshotStore
     at: int
 
     @property

@@ -73,7 +73,7 @@ class Layout:
     @cached_property
     def blocks(self) -> Blocks:
         """The blocks by which sums over particles are made."""
-        return partials.cut(self.bounds, self.numbers, self.block)
+        return partials.cut_blocks(self.bounds, self.numbers, self.block)
 
     @property
     def slots(self) -> list[Slots]:
@@ -236,7 +236,7 @@ def sample(ensemble: Ensemble, slots: Array) -> Ensemble:
     return _with(ensemble, layout, rows.rebuilt(ensemble.columns, chosen))
 
 
-def joined(parts: Sequence[Ensemble]) -> Ensemble:
+def join_ensembles(parts: Sequence[Ensemble]) -> Ensemble:
     """Return the particles of some ensembles of one run as one, part after part; scenarios are in their order."""
     columns = [part.columns for part in parts]
 

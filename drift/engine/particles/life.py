@@ -53,7 +53,7 @@ class Lives:
         return np.asarray(np.clip((time - left) / np.maximum(finish - left, 1), 0.0, 1.0))
 
 
-def read(ensemble: Ensemble) -> Lives:
+def read_lives(ensemble: Ensemble) -> Lives:
     """Return the lives of an ensemble's particles."""
     departure = ensemble.own.get("departure")
     return Lives(

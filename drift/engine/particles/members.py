@@ -36,7 +36,7 @@ def even(member: Array, members: int) -> Array:
     return np.asarray(-np.log(members) - np.log(counts[member]))
 
 
-def of(ensemble: Ensemble) -> Array | None:
+def member_of_particles(ensemble: Ensemble) -> Array | None:
     """Return the member of each particle, int32 (n,); None where there is no ensemble of forcings."""
     column = ensemble.own.get(COLUMN.name)
     return None if column is None else np.asarray(column.to_numpy())

@@ -129,7 +129,7 @@ class Blocks:
         return running
 
 
-def cut(bounds: Sequence[int], numbers: Sequence[int], size: Sequence[int]) -> Blocks:
+def cut_blocks(bounds: Sequence[int], numbers: Sequence[int], size: Sequence[int]) -> Blocks:
     """Return the blocks of an ensemble.
 
     bounds: the first slot of each scenario and, last, n; numbers: those of first slots in the whole run, which begin a
@@ -150,13 +150,13 @@ def over_worlds(values: Array) -> Array:
 
 def whole(n: int) -> Blocks:
     """Return the blocks of n particles without scenarios."""
-    return cut((0, n), (0,), (BLOCK,))
+    return cut_blocks((0, n), (0,), (BLOCK,))
 
 
 def of_scenarios(scenario: Array) -> Blocks:
     """Return the blocks of particles by the scenario of each, int (n,) ascending."""
     bounds = np.searchsorted(scenario, np.arange(scenario.max(initial=0) + 2)).tolist()
-    return cut(bounds, bounds[:-1], [BLOCK] * (len(bounds) - 1))
+    return cut_blocks(bounds, bounds[:-1], [BLOCK] * (len(bounds) - 1))
 
 
 @dataclass(frozen=True)

@@ -73,7 +73,7 @@ def column_of(number: int, name: str) -> str:
     return f"line {number} {name}"
 
 
-def build(spec: EnsembleSpec, lines: Sequence[Line], columns: Columns) -> Crossings:
+def build_crossings(spec: EnsembleSpec, lines: Sequence[Line], columns: Columns) -> Crossings:
     """Return the first crossings of lines by what they saw of particles and by their `log_weight` at the end of the run."""
     unit = weights.unit(columns, "log_weight")
     found = [_crossing(spec, line, number, columns, unit) for number, line in enumerate(lines)]
@@ -142,7 +142,7 @@ def csv(crossings: Crossings | None, run: str) -> str:
     return formats.csv_text(HEADER, rows)
 
 
-def numbers(crossings: Crossings) -> list[dict[str, Any]]:
+def summary_of_crossings(crossings: Crossings) -> list[dict[str, Any]]:
     """Return the same for the summary, by line."""
     return [
         {

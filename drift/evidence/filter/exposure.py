@@ -118,7 +118,7 @@ class SortieExposure:
             return int(sweep.ZONES)
         if self._path is None:
             return int(sweep.INSIDE)
-        return int(sweep.CUBE if laws.of(self.sortie.law).detects == "along" else sweep.ABEAM)
+        return int(sweep.CUBE if laws.formulas_of(self.sortie.law).detects == "along" else sweep.ABEAM)
 
     def as_flown(self, scenario: int, start: int) -> Sortie:
         """Return the sortie, with the track of its marker in a scenario if it drifts.
@@ -155,7 +155,7 @@ class SortieExposure:
         exposed = self.exposed if keep else self.exposed.copy()
         if keep:
             self._seen = last
-        member = dealt.of(ensemble) if any(way.member is not None for way in self._ways) else None
+        member = dealt.member_of_particles(ensemble) if any(way.member is not None for way in self._ways) else None
         for way in self._ways:
             chosen = None  # which slots of all, where it is not all of these scenarios
             if member is not None and way.member is not None:
@@ -244,7 +244,7 @@ class SortieExposure:
         width = np.array(widths)[:, None]
         if self._kind == sweep.CUBE:
             return np.zeros(1), width > 0
-        ranges, chances = laws.table(self.sortie.law)
+        ranges, chances = laws.range_curve(self.sortie.law)
         factors = np.where(width > 0, width, 1.0) * self.factors
         return np.stack([ranges, chances], axis=1).reshape(-1), np.where(width > 0, 1 / factors, 0.0)
 
@@ -275,7 +275,7 @@ class SortieExposure:
             return sweep.HAZARD, np.ones((self._scenarios, 1))
         if kind == sweep.INSIDE:
             coverage = np.array(coverages)[:, None] * self.factors
-            if laws.of(sortie.law).detects == "anywhere":
+            if laws.formulas_of(sortie.law).detects == "anywhere":
                 return sweep.HAZARD, coverage * sortie.completed
             pod = [laws.pod(sortie.law, own) for own in coverage]
             return sweep.SHARE, np.array(pod) * sortie.completed

@@ -51,7 +51,7 @@ Device = Any
 Flown = SortieExposure | Listening
 
 
-class OnHost:
+class HostColumn:
     """A column that no kernel needs, with a device column's manners."""
 
     def __init__(self, values: Array) -> None:
@@ -67,7 +67,7 @@ class OnHost:
         self.values = values
 
 
-class Search:
+class SearchFilter:
     """Sorties, contacts and sensors of one run, or of a shard of it; of a run in one piece `updates` tells afterwards what
     each did."""
 
@@ -116,7 +116,7 @@ class Search:
         # What no kernel needs: "unsearched", log weights (n,) by all that was seen, as if no sortie had been flown; "never",
         # product over sorties of the share of time that a particle was not searched; "lineage", the particle of the begin
         # from which each descends, and "ancestors", of those at the last output; without a column: itself.
-        self._held = {"unsearched": OnHost(first.astype(np.float64))}
+        self._held = {"unsearched": HostColumn(first.astype(np.float64))}
         self._happened = False  # whether anything took effect in the present step
         self._contradicted = np.zeros(0, bool)  # particles that the last contact leaves nothing (n,)
         self._filling: Filling | None = None
@@ -135,7 +135,7 @@ class Search:
         crossed, lines = None, self.watched
         if lines:
             columns = {"log_weight": self.ensemble.log_weight.to_numpy(), **crossings.columns_of(lines)}
-            crossed = crossings.build(
+            crossed = crossings.build_crossings(
                 self._spec, [seen.line for seen in lines], Columns.held(self.ensemble.blocks, columns)
             )
         return self._account.told(flown, crossed)
@@ -182,7 +182,7 @@ class Search:
             return self._shared.setdefault(key, runtime.empty(self.ensemble.n * self._factors[key]))
         if kind == "sensor":
             return self._observers.column(int(which[0]), int(which[1]))
-        return self._held.setdefault(kind, OnHost(np.empty(0)))
+        return self._held.setdefault(kind, HostColumn(np.empty(0)))
 
     @property
     def _groups(self) -> list[tuple[str, float]]:
@@ -278,7 +278,7 @@ class Search:
         if not placed.slots.size:  # it is ashore
             self._meeting.account.lost()
             return
-        steer.place(e, placed.slots, vars(placed), time)
+        steer.place_targets(e, placed.slots, vars(placed), time)
         before = e.log_weight.to_numpy()
         new = placed.log_weight.astype(np.float32)
         e.log_weight.from_numpy(new)
@@ -314,9 +314,9 @@ class Search:
         before = self.ensemble.log_weight.to_numpy()
         flown.fail(self.ensemble, exposed, self._group(flown, self._shared), self.ensemble.log_weight)
         searched = flown.searched()
-        never = self._held.setdefault("never", OnHost(np.ones(self.ensemble.n, np.float32)))
+        never = self._held.setdefault("never", HostColumn(np.ones(self.ensemble.n, np.float32)))
         never.values = (never.values * (1 - searched)).astype(np.float32)
-        there = np.isin(life.read(self.ensemble).at(flown.end), STRANDED)
+        there = np.isin(life.read_lives(self.ensemble).at(flown.end), STRANDED)
         self._note(
             sortie.name, "sortie", sortie.end, before, self.ensemble.log_weight.to_numpy(),
             {"searched": searched, "there": there}, middle=0.5 * (flown.begin + flown.end),
@@ -329,7 +329,7 @@ class Search:
             seen = self._debris[contact.drifter]
             who, its, begin = seen.ensemble, seen.scene, seen.begin
         lon, lat = place(who, its, begin, time)
-        status, unit = life.read(who).at(time), contact_laws.log_unit(contact)
+        status, unit = life.read_lives(who).at(time), contact_laws.log_unit(contact)
         if contact.heard is not None:
             self._hear(contact, contact.heard, number, time, self._targets(lon, lat, status, contact, time), unit)
             return
@@ -406,7 +406,8 @@ class Search:
         """Return what is known of the frequency that each particle sends, by all contacts of a group so far."""
         first = heard.at_first(tone, self.ensemble.n)
         held = (
-            self._held.setdefault(name, OnHost(values)) for name, values in zip(_tone_names(tone), first, strict=True)
+            self._held.setdefault(name, HostColumn(values))
+            for name, values in zip(_tone_names(tone), first, strict=True)
         )
         return Sent(*(column.values for column in held))
 
@@ -418,7 +419,7 @@ class Search:
     def _look(self, look: Look, time: int, place: PositionsAt) -> None:
         """Change weights by what a look saw or did not see."""
         lon, lat = place(self.ensemble, self._scene, None, time)
-        status = life.read(self.ensemble).at(time)
+        status = life.read_lives(self.ensemble).at(time)
         if look.sensor is None:
             self._tell(look.name, "look", time, looks.log_likelihood(look, lon, lat, on_map(status)), look.positive)
             return
@@ -519,7 +520,7 @@ class Search:
             own = self._held["unsearched"].values - e.log_weight.to_numpy() + drawn.log_weight
         self._held["unsearched"].values = np.where(drawn.log_weight > -np.inf, own, -np.inf)
         for name in ("lineage", "ancestors"):
-            self._held.setdefault(name, OnHost(drawn.ancestors.astype(np.int32)))
+            self._held.setdefault(name, HostColumn(drawn.ancestors.astype(np.int32)))
         e.log_weight.from_numpy(drawn.log_weight)
         e.status.from_numpy(np.where(drawn.spare, int(Status.LEFT), e.status.to_numpy()).astype(np.int32))
         for which in every:

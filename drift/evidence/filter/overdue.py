@@ -41,7 +41,7 @@ def name(spec: EnsembleSpec, time: int) -> str:
 def log_likelihood(spec: EnsembleSpec, time: int, ensemble: Ensemble) -> Array:
     """Return the log likelihood (n,) of not being in port at a time: -inf of what is, 0 of all else."""
     when = spec.period.time(time)
-    there = in_port(spec, ensemble, life.read(ensemble).at(time), when)
+    there = in_port(spec, ensemble, life.read_lives(ensemble).at(time), when)
     return np.where(there, -np.inf, 0.0)
 
 

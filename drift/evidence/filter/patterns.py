@@ -28,7 +28,9 @@ class Pattern:
     area: Area | None
 
 
-def at(centre: LonLat, orientation: float, along: npt.ArrayLike, across: npt.ArrayLike) -> tuple[Array, Array]:
+def points_along(
+    centre: LonLat, orientation: float, along: npt.ArrayLike, across: npt.ArrayLike
+) -> tuple[Array, Array]:
     """Return (lon, lat) [deg] of points [m] along an orientation [rad] and across it, to its right.
 
     Longitudes run on without a jump.
@@ -43,7 +45,7 @@ def at(centre: LonLat, orientation: float, along: npt.ArrayLike, across: npt.Arr
 def rectangle(centre: LonLat, length: float, width: float, orientation: float) -> Area:
     """Return a rectangle whose length [m] lies along an orientation [rad]."""
     along, across = np.array([-1, 1, 1, -1]) * length / 2, np.array([-1, -1, 1, 1]) * width / 2
-    return _area(*at(centre, orientation, along, across))
+    return _area(*points_along(centre, orientation, along, across))
 
 
 def _area(lon: Array, lat: Array) -> Area:
@@ -86,7 +88,7 @@ def parallel(
         raise ValueError(f"spacing {spacing:g} m leaves legs of a length of {length:g} m none; make it smaller")
     across = (np.arange(number) - (number - 1) / 2) * spacing * -corner[1]
     ends = np.where(np.arange(number) % 2 == 0, half, -half) * corner[0]
-    points = at(centre, orientation, np.column_stack([ends, -ends]).ravel(), np.repeat(across, 2))
+    points = points_along(centre, orientation, np.column_stack([ends, -ends]).ravel(), np.repeat(across, 2))
     return Pattern(fly(*points, start, speed), rectangle(centre, length, width, orientation))
 
 
@@ -127,8 +129,8 @@ def square(datum: LonLat, spacing: float, orientation: float, legs: int, start: 
     swept = shapely.LineString(np.column_stack([along, across])).buffer(
         0.5001 * spacing, cap_style="square", join_style="mitre"
     )
-    outline = at(datum, orientation, *np.array(swept.exterior.simplify(1e-3 * spacing).coords)[:-1].T)
-    return Pattern(fly(*at(datum, orientation, along, across), start, speed), _area(*outline))
+    outline = points_along(datum, orientation, *np.array(swept.exterior.simplify(1e-3 * spacing).coords)[:-1].T)
+    return Pattern(fly(*points_along(datum, orientation, along, across), start, speed), _area(*outline))
 
 
 def square_legs(spacing: float, distance: float) -> int:
@@ -156,8 +158,8 @@ def sector(datum: LonLat, radius: float, sectors: int, orientation: float, start
         along.append(0.0)
         across.append(0.0)
     turn = np.arange(ROUND) * (2 * math.pi / ROUND)
-    outline = at(datum, orientation, radius * np.cos(turn), radius * np.sin(turn))
-    return Pattern(fly(*at(datum, orientation, along, across), start, speed), _area(*outline))
+    outline = points_along(datum, orientation, radius * np.cos(turn), radius * np.sin(turn))
+    return Pattern(fly(*points_along(datum, orientation, along, across), start, speed), _area(*outline))
 
 
 def trackline(waypoints: list[LonLat], offset: float, back: bool, start: float, speed: float) -> Pattern:

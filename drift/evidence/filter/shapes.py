@@ -90,16 +90,16 @@ def flown(sortie: Sortie, until: np.datetime64 | None = None) -> list[tuple[bool
     return [(seeks, curve([legs.lon[i] for i in which], [legs.lat[i] for i in which])) for seeks, which in parts]
 
 
-def place(legs: Legs, time: float) -> tuple[float, float]:
+def position_on_legs(legs: Legs, time: float) -> tuple[float, float]:
     """Return where on legs something is at a time [s since 1970], (lon, lat) [deg]; outside their time, an end."""
-    return polyline.place(legs, min(max(time, legs.time[0]), legs.time[-1]))
+    return polyline.position_at(legs, min(max(time, legs.time[0]), legs.time[-1]))
 
 
 def zones(sortie: Sortie, time: np.datetime64) -> list[Array]:
     """Return the edges of a watch's zones round its sensor at a time, each (n, 2)."""
     if sortie.watch is None or sortie.legs is None:
         return []
-    lon, lat = place(sortie.legs, epoch(time))
+    lon, lat = position_on_legs(sortie.legs, epoch(time))
     edges = sorted({*sortie.watch.inner, *sortie.watch.outer} - {0.0})
     return [circle(lon, lat, radius) for radius in edges if math.isfinite(radius)]
 
@@ -227,7 +227,7 @@ def _over_ground(sortie: Sortie) -> Legs:
     legs = sortie.legs
     between = [t for t in sortie.marker.time if legs.time[0] < t < legs.time[-1]]
     times = np.array(sorted({*legs.time, *between}))
-    where = np.array([place(legs, t) for t in times])
+    where = np.array([position_on_legs(legs, t) for t in times])
     lon, lat = _moved(sortie, times, where[:, 0], where[:, 1])
     which = np.clip(np.searchsorted(legs.time, times[:-1], side="right") - 1, 0, len(legs.searching) - 1)
     return Legs(tuple(times), tuple(lon), tuple(lat), tuple(legs.searching[k] for k in which))
@@ -237,7 +237,7 @@ def _moved(sortie: Sortie, times: Array, lon: Array, lat: Array) -> tuple[Array,
     """Return positions [deg] moved as the marker has moved from the datum by each time, (n,)."""
     assert sortie.marker is not None
     assert sortie.datum is not None
-    marker = np.radians([place(sortie.marker, t) for t in times])
+    marker = np.radians([position_on_legs(sortie.marker, t) for t in times])
     east, north = sphere.offset(
         math.radians(sortie.datum[0]), math.radians(sortie.datum[1]), np.radians(lon), np.radians(lat)
     )

@@ -74,7 +74,7 @@ class Updates:
 
 def shown_of(updates: Updates) -> Shown:
     """Return which scenarios are shown: those that were the likeliest at any time."""
-    return likeliest.of([updates.prior, *(update.posterior for update in updates.all)])
+    return likeliest.likeliest_scenarios([updates.prior, *(update.posterior for update in updates.all)])
 
 
 def together(updates: Updates) -> Updates:

@@ -24,29 +24,29 @@ RANKS = 30  # scenarios that the report lists
 
 
 @dataclass(frozen=True)
-class Matter:
+class PosteriorOutputs:
     """What the files and pictures are made from."""
 
     posteriors: Posteriors
     setting: Setting
 
 
-def _draw(matter: Matter, path: Path) -> None:
+def _draw(matter: PosteriorOutputs, path: Path) -> None:
     from drift.evidence.posterior import map as posterior_map  # imported here, for Matplotlib takes a second
 
-    posterior_map.draw(matter.posteriors, path, matter.setting)
+    posterior_map.plot_posteriors(matter.posteriors, path, matter.setting)
 
 
 def _draw_ranking(ranking: Ranking, setting: Setting, path: Path) -> None:
     from drift.evidence.posterior import scenarios_map
 
-    scenarios_map.draw(ranking, path, setting)
+    scenarios_map.plot_scenario_ranking(ranking, path, setting)
 
 
-FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+FILES: dict[str, Callable[[PosteriorOutputs, Stamped], Contents]] = {
     "posteriors.csv": lambda matter, stamped: tables.csv(matter.posteriors, stamped["run_id"]),
 }
-PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+PICTURES: dict[str, Callable[[PosteriorOutputs, Path], None]] = {
     "posteriors.png": _draw,
 }
 # Of several scenarios, where anything was searched, seen or not seen.
@@ -59,11 +59,11 @@ MANY: dict[str, Callable[[Ranking, Setting, Path], None]] = {
 }
 
 
-def chapter(matter: Matter) -> Chapter:
+def chapter(matter: PosteriorOutputs) -> Chapter:
     """Return the chapter of posteriors."""
     numbers = tables.summary(matter.posteriors)
     files, pictures = bound(FILES, matter), bound(PICTURES, matter)
-    ranked = ranking.of(matter.posteriors)
+    ranked = ranking.ranking_of(matter.posteriors)
     if ranked is not None:
         files |= bound(RANKED, ranked)
         if many(ranked):
@@ -91,7 +91,7 @@ def _leaves(posteriors: Posteriors, ranked: Ranking | None) -> list[Any]:
     if told:
         where: dict[str, str | list[str]] = {"scenario": "all", "quantity": told}
         shown.append(
-            leaves.table("Posteriors besides position", columns, file="posteriors.csv", where=where, note=note)
+            leaves.table_leaf("Posteriors besides position", columns, file="posteriors.csv", where=where, note=note)
         )
     return shown
 
@@ -111,7 +111,7 @@ def _ranked(ranked: Ranking) -> list[Any]:
         for rank, (name, (prior, now, factor, total)) in enumerate(zip(names, figures, strict=True), 1)
     ]
     note = f"{ranked.words}; scenarios.csv has all of them."
-    found = [leaves.table("Scenarios by rank", columns, rows=rows, note=note)]
+    found = [leaves.table_leaf("Scenarios by rank", columns, rows=rows, note=note)]
     by_axis = [
         [along.axis.name, label, prior, now]
         for along in ranked.axes
@@ -121,5 +121,7 @@ def _ranked(ranked: Ranking) -> list[Any]:
     ]
     if by_axis:
         heads = [("", "Axis", "words"), ("", "Value", "words"), ("", "Before", "share"), ("", "Now", "share")]
-        found.append(leaves.table("Scenarios by axis", heads, rows=by_axis, note="All scenarios that have the axis."))
+        found.append(
+            leaves.table_leaf("Scenarios by axis", heads, rows=by_axis, note="All scenarios that have the axis.")
+        )
     return found

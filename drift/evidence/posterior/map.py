@@ -55,7 +55,7 @@ class Panel:
     lone: Array | None = None  # (bars,) bool: which bars of a histogram are one value with much of the probability
 
 
-def draw(posteriors: Posteriors, path: Path, setting: Setting) -> None:
+def plot_posteriors(posteriors: Posteriors, path: Path, setting: Setting) -> None:
     """Draw the posteriors of a run."""
     stages = shown(posteriors)
     panels = [panel(posteriors, stages, k) for k in range(len(posteriors.told))]

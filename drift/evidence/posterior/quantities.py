@@ -75,7 +75,7 @@ def _adrift(drawn: Drawn) -> Values:
 
 def _member(drawn: Drawn) -> Values | None:
     """Return in which member of an ensemble of winds and currents particles drift."""
-    member = members.of(drawn.ensemble)
+    member = members.member_of_particles(drawn.ensemble)
     return None if member is None else Values(member, np.ones(drawn.ensemble.n, bool))
 
 

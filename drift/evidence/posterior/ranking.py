@@ -43,7 +43,7 @@ class Ranking:
     @property
     def shown(self) -> Shown:
         """Which are shown by themselves where all are too many: the likeliest in the end."""
-        return likeliest.of(self.posterior)
+        return likeliest.likeliest_scenarios(self.posterior)
 
     @property
     def words(self) -> str:
@@ -57,7 +57,7 @@ class Ranking:
         return family.along(self.posteriors.families)
 
 
-def of(posteriors: Posteriors) -> Ranking | None:
+def ranking_of(posteriors: Posteriors) -> Ranking | None:
     """Return the ranking of a run's scenarios; None of one alone, and where nothing was searched, seen or not seen."""
     first, last = posteriors.stages[0], posteriors.stages[-1]
     if len(posteriors.scenarios) < 2 or first is last:
@@ -81,7 +81,7 @@ def csv(ranking: Ranking, run: str) -> str:
     return formats.csv_text([*HEADER, *(AXIS + axis.axis.name for axis in axes), "run_id"], rows)
 
 
-def numbers(ranking: Ranking) -> dict[str, Any]:
+def summary_of_ranking(ranking: Ranking) -> dict[str, Any]:
     """Return for the summary how many scenarios count, and the probability of each value on each axis of families."""
     before, now = family.effective(ranking.prior), family.effective(ranking.posterior)
     axes = {}

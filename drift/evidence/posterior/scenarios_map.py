@@ -36,7 +36,7 @@ NAMED = 12  # values on an axis that are all named; of more every second, third,
 GRID = "#c9d1d8"
 
 
-def draw(ranking: Ranking, path: Path, setting: Setting) -> None:
+def plot_scenario_ranking(ranking: Ranking, path: Path, setting: Setting) -> None:
     """Draw the scenarios of a run by rank."""
     axes = ranking.axes[:AXES]
     columns = min(ACROSS, len(axes))

@@ -35,7 +35,7 @@ class Particles:
         if self._steering is not None:
             birth = self._ensemble.own["birth"].to_numpy()
             if self._birth is None or not np.array_equal(birth, self._birth):
-                self._birth, self._settled = birth.copy(), settled.read(self._ensemble, self._steering)
+                self._birth, self._settled = birth.copy(), settled.read_settled(self._ensemble, self._steering)
         scenario = self._ensemble.scenario.to_numpy().astype(np.int64)
         found = quantity.of(Drawn(self._spec, self._ensemble, scenario, self._settled))
         return None if found is None else Columns.held(self._ensemble.blocks, found._asdict())

@@ -83,13 +83,16 @@ def moment(posteriors: Posteriors, elapsed: float) -> np.datetime64:
 
 def summary(posteriors: Posteriors) -> dict[str, Any]:
     """Return what the summary says of posteriors, and of scenarios by rank."""
-    ranked = ranking.of(posteriors)
-    return {"posteriors": numbers(posteriors), **({"stories": ranking.numbers(ranked)} if ranked else {})}
+    ranked = ranking.ranking_of(posteriors)
+    return {
+        "posteriors": summary_of_posteriors(posteriors),
+        **({"stories": ranking.summary_of_ranking(ranked)} if ranked else {}),
+    }
 
 
-def numbers(posteriors: Posteriors) -> list[dict[str, Any]]:
+def summary_of_posteriors(posteriors: Posteriors) -> list[dict[str, Any]]:
     """Return the distributions of all scenarios together, for the summary; of many scenarios the likeliest and the others as one."""
-    shown = likeliest.of([stage.scenarios for stage in posteriors.stages])
+    shown = likeliest.likeliest_scenarios([stage.scenarios for stage in posteriors.stages])
     return [
         {
             "update": stage.number,

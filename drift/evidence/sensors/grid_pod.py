@@ -16,7 +16,7 @@ MOST_RINGS = 4000  # ranges to which a table is laid out
 LEAST_RINGS, LEAST_RAYS = 200, 720  # of a table with uneven ranges, or bearings: its corners lie anywhere
 
 
-def at(grid: PodGrid, time: np.datetime64) -> Array:
+def pod_at(grid: PodGrid, time: np.datetime64) -> Array:
     """Return its table (lat, lon) or (b, r) at a time, straight between the times that are given."""
     if not grid.times.size:
         return np.asarray(grid.pod[0])
@@ -31,7 +31,7 @@ def at(grid: PodGrid, time: np.datetime64) -> Array:
 
 def chance(grid: PodGrid, place: tuple[float, float], time: np.datetime64, lon: Array, lat: Array) -> Array:
     """Return the probability of detection at (lon, lat) [rad] (n,) by a sensor at a place [rad] at a time."""
-    table = at(grid, time)
+    table = pod_at(grid, time)
     if grid.range is not None:
         assert grid.bearing is not None
         east, north = sphere.offset(*place, lon, lat)
@@ -52,7 +52,7 @@ def chance(grid: PodGrid, place: tuple[float, float], time: np.datetime64, lon: 
 
 def tables(grid: PodGrid, time: np.datetime64, lasting: float) -> Pods:
     """Return what a kernel takes of it at a time; lasting [s]: of the watch, for which POD without a time of its own is there."""
-    table, rate = at(grid, time), 1 / (lasting if math.isnan(grid.per) else grid.per)
+    table, rate = pod_at(grid, time), 1 / (lasting if math.isnan(grid.per) else grid.per)
     if grid.range is not None:
         assert grid.bearing is not None
         rings, rays = _even(grid.range), hearing.even(grid.bearing, hearing.MOST_RAYS)

@@ -32,7 +32,7 @@ REMEDY = "mend its attribute units, or set variable to that of the transmission 
 _joined: "weakref.WeakKeyDictionary[Losses, Places]" = weakref.WeakKeyDictionary()
 
 
-def read(
+def read_losses(
     path: str | os.PathLike[str],
     *,
     variable: str | None = None,
@@ -47,7 +47,7 @@ def read(
     else that of the file. Raises UserError in one line.
     """
     asked = table_file.asked_for(path, name, variable, select, units)
-    with table_file.opened(path) as data:
+    with table_file.open_table(path) as data:
         found = table_file.find(data, asked, MEANT, "transmission loss", ("bearing", "range"))
         lon, lat, place_dims = _places(found)
         metres, order = table_values.ranges(found)

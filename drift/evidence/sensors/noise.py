@@ -41,7 +41,7 @@ def of_table(rows: Sequence[Sequence[float]], *, name: str = "noise") -> Noise:
     return Noise(radians, table.astype(np.float32), NONE)
 
 
-def read(
+def read_noise(
     path: str | os.PathLike[str],
     *,
     variable: str | None = None,
@@ -51,7 +51,7 @@ def read(
 ) -> Noise:
     """Return the noise of a netCDF file over bearing, and optionally time; the keys are those of `losses.read`."""
     asked = table_file.asked_for(path, name, variable, select, units)
-    with table_file.opened(path) as data:
+    with table_file.open_table(path) as data:
         found = table_file.find(data, asked, MEANT, "noise", ("time", "bearing"))
         when = table_values.times(found)
         bearing = table_values.axis(found, "bearing")

@@ -34,7 +34,7 @@ AGREE = 1e-3  # between the bearings 0 and 360, which both may stand in a file
 Gaps = Literal["refuse", "blind"]
 
 
-def read(
+def read_pod(
     path: str | os.PathLike[str],
     *,
     per: float,
@@ -56,7 +56,7 @@ def read(
         raise UserError(f"{asked.name}: per = {per:g} s; it is a time above 0, or left out: set per")
     if gaps not in ("refuse", "blind"):
         raise UserError(f'{asked.name}: gaps = "{gaps}"; allowed are "refuse" and "blind": set gaps')
-    with table_file.opened(path) as data:
+    with table_file.open_table(path) as data:
         polar = _polar(data, asked)
         if polar is not None:
             return _round_sensor(polar, per, gaps)

@@ -86,7 +86,7 @@ def asked_for(
 
 
 @contextmanager
-def opened(path: str | os.PathLike[str]) -> Iterator[xr.Dataset]:
+def open_table(path: str | os.PathLike[str]) -> Iterator[xr.Dataset]:
     """Give a file's dataset; whatever is wrong with the file becomes one line."""
     named = os.path.expanduser(os.fspath(path))
     if not dataset.remote(named) and not os.path.exists(named):

@@ -13,7 +13,7 @@ from drift.products.report import leaves as report_leaves
 
 
 @dataclass(frozen=True)
-class Matter:
+class SuspensionOutputs:
     """What the files and pictures are made from."""
 
     suspension: Suspension
@@ -22,24 +22,24 @@ class Matter:
     lost: float  # probability that is on no map
 
 
-def _picture(matter: Matter, path: Path) -> None:
+def _picture(matter: SuspensionOutputs, path: Path) -> None:
     from drift.evidence.suspend import map as suspend_map  # here: Matplotlib takes a second to import
 
-    suspend_map.draw(matter.suspension, path, matter.imprint)
+    suspend_map.plot_suspension(matter.suspension, path, matter.imprint)
 
 
-FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
-    "suspend.txt": lambda matter, stamped: suspend_text.text(
+FILES: dict[str, Callable[[SuspensionOutputs, Stamped], Contents]] = {
+    "suspend.txt": lambda matter, stamped: suspend_text.suspension_text(
         matter.suspension, matter.imprint.title, stamped["run_id"], synthetic=matter.synthetic, lost=matter.lost
     ),
 }
-PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+PICTURES: dict[str, Callable[[SuspensionOutputs, Path], None]] = {
     "suspend.png": _picture,
 }
 
 
-def chapter(matter: Matter) -> Chapter:
+def chapter(matter: SuspensionOutputs) -> Chapter:
     """Return the chapter of a decision to suspend."""
-    leaves = (lambda: [report_leaves.text("For the decision to suspend", file="suspend.txt")],)
-    numbers = {"suspension": decision.numbers(matter.suspension)}
+    leaves = (lambda: [report_leaves.text_leaf("For the decision to suspend", file="suspend.txt")],)
+    numbers = {"suspension": decision.summary_of_decision(matter.suspension)}
     return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), leaves=leaves)

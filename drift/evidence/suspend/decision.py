@@ -62,7 +62,7 @@ class Suspension:
         return searching_on.standard_error(share, self.effective)
 
 
-def build(
+def build_decision(
     scenarios: Sequence[Scenario],
     start: np.datetime64,
     begun: Standing,
@@ -114,7 +114,7 @@ def build(
 
 def _together(suspension: Suspension, updates: Updates | None) -> Suspension:
     """Return the same with the likeliest scenarios and all others as one, where there are many."""
-    shown = shown_of(updates) if updates else likeliest.of(suspension.prior)
+    shown = shown_of(updates) if updates else likeliest.likeliest_scenarios(suspension.prior)
     if not shown.rest:
         return suspension
     weight, cumulative = suspension.share, suspension.cumulative
@@ -185,7 +185,7 @@ def _curve(
     return times, np.array(alive), np.array(error)
 
 
-def numbers(suspension: Suspension) -> dict[str, Any]:
+def summary_of_decision(suspension: Suspension) -> dict[str, Any]:
     """Return what the summary holds of it."""
     return {
         "now": suspension.now,

@@ -28,7 +28,7 @@ ALL: dict[str, Any] = {"color": INK, "linewidth": 2.2}
 FOUND, ALIVE = "#cfe0ee", "#0b4f8a"
 
 
-def draw(suspension: Suspension, path: Path, imprint: Imprint) -> None:
+def plot_suspension(suspension: Suspension, path: Path, imprint: Imprint) -> None:
     """Draw what a decision to suspend rests on."""
     on = sheet.begin(SHEET)
     figure = on.figure

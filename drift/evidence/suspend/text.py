@@ -13,7 +13,9 @@ WIDE = 78
 FIRST = (0.5, 0.1, 0.01)  # probabilities of being alive whose times are stated
 
 
-def text(suspension: Suspension, case_title: str, run: str, *, synthetic: bool = False, lost: float = 0.0) -> str:
+def suspension_text(
+    suspension: Suspension, case_title: str, run: str, *, synthetic: bool = False, lost: float = 0.0
+) -> str:
     """Return what a decision to suspend rests on, as text.
 
     run: its run_id. synthetic: whether winds or currents are made up. lost: probability that is on no map.

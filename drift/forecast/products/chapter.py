@@ -19,7 +19,7 @@ from drift.products.maps.imprint import Setting
 
 
 @dataclass(frozen=True)
-class Matter:
+class ForecastOutputs:
     """What the files and pictures are made from."""
 
     forecast: Forecast
@@ -31,52 +31,52 @@ class Matter:
     small: Sequence[Callable[[Any], Any]] = ()  # the same on the maps of all outputs
 
 
-def _map(matter: Matter, path: Path) -> None:
+def _map(matter: ForecastOutputs, path: Path) -> None:
     from drift.forecast.products import map as forecast_map  # imported here, for Matplotlib takes a second
 
     time = mapped.opening(matter.forecast.data, matter.setting.opens)
     forecast_map.draw_map(matter.forecast, path, matter.setting, time=time, overlays=matter.overlays)
 
 
-def _snapshots(matter: Matter, path: Path) -> None:
+def _snapshots(matter: ForecastOutputs, path: Path) -> None:
     from drift.forecast.products import map as forecast_map
 
     forecast_map.draw_snapshots(matter.forecast, path, matter.setting, overlays=matter.small)
 
 
-def _stories(matter: Matter, path: Path) -> None:
+def _stories(matter: ForecastOutputs, path: Path) -> None:
     from drift.forecast.products import stories_map
 
-    stories_map.draw(matter.forecast, path, matter.setting, overlays=matter.small)
+    stories_map.plot_scenarios(matter.forecast, path, matter.setting, overlays=matter.small)
 
 
-def _leaves(matter: Matter) -> list[Any]:
+def _leaves(matter: ForecastOutputs) -> list[Any]:
     from drift.forecast.products import report
 
-    return report.of(matter.forecast, matter.tracks)
+    return report.forecast_leaves(matter.forecast, matter.tracks)
 
 
-FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+FILES: dict[str, Callable[[ForecastOutputs, Stamped], Contents]] = {
     "forecast.nc": lambda matter, stamped: matter.forecast.data,
     "particles.nc": lambda matter, stamped: forecast_tracks.dataset(matter.tracks, matter.forecast),
     "contours.geojson": lambda matter, stamped: tables.contours(matter.forecast, stamped),
     "track.csv": lambda matter, stamped: tables.track(matter.forecast, stamped["run_id"]),
     "ashore.csv": lambda matter, stamped: tables.ashore(matter.forecast, stamped["run_id"]),
 }
-PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+PICTURES: dict[str, Callable[[ForecastOutputs, Path], None]] = {
     "map.png": _map,
     "snapshots.png": _snapshots,
 }
-STORIES: dict[str, Callable[[Matter, Path], None]] = {  # of several scenarios
+STORIES: dict[str, Callable[[ForecastOutputs, Path], None]] = {  # of several scenarios
     "stories.png": _stories,
 }
 
 
-def chapter(matter: Matter) -> Chapter:
+def chapter(matter: ForecastOutputs) -> Chapter:
     """Return the chapter of a forecast."""
     several = matter.forecast.data.sizes["scenario"] > 1
     return Chapter(
-        tables.numbers(matter.forecast, matter.setting.opens),
+        tables.summary_of_forecast(matter.forecast, matter.setting.opens),
         bound(FILES, matter),
         bound(PICTURES | STORIES if several else PICTURES, matter),
         leaves=(partial(_leaves, matter),),

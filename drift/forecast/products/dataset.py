@@ -198,7 +198,7 @@ class Maps:
         }
 
 
-def build(
+def build_dataset(
     surveys: Sequence[Survey],
     scenarios: Sequence[str],
     maps: Maps,
@@ -211,7 +211,7 @@ def build(
     them.
     """
     by_scenario = np.array([survey.scenario for survey in surveys])
-    mapped_alone = likeliest.of(by_scenario)
+    mapped_alone = likeliest.likeliest_scenarios(by_scenario)
     values = {
         **maps.values(),
         "status_probability": np.array([survey.status for survey in surveys]),
@@ -242,7 +242,7 @@ def build(
 
 def shown(data: xr.Dataset) -> Shown:
     """Return which scenarios of a forecast have maps of their own."""
-    return likeliest.of(data["scenario_probability"].values)
+    return likeliest.likeliest_scenarios(data["scenario_probability"].values)
 
 
 def _edges(grid: Cells) -> dict[str, Array]:

@@ -451,7 +451,7 @@ def track(
         *frame.project([t.lon for t in towns], [t.lat for t in towns]), zorder=6, scalex=False, scaley=False, **TOWN
     )
     texts += [(*_at(frame, place.lon, place.lat), place.name, TOWN_NAME) for place in towns]
-    labels.place(ax, canvas, texts, [bar], must={*must, now})
+    labels.place_labels(ax, canvas, texts, [bar], must={*must, now})
 
 
 def _at(frame: Frame, lon: float, lat: float) -> tuple[float, float]:

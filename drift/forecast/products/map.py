@@ -58,7 +58,7 @@ def _drawn(forecast: Forecast, setting: Setting, time: int, overlays: Sequence[A
     now = at["time"].values[()]
     drawn_over = [overlay(now) for overlay in (*setting.overlays, *overlays)]
     places = {name: shapes for overlay in drawn_over for name, shapes in overlay.places.items()}
-    count = effective.at(forecast.data, time, setting.particles)
+    count = effective.effective_at(forecast.data, time, setting.particles)
     height, frame, warnings = _layout(forecast, setting, time, count, places)
     ax = on.figure.add_axes((0.055, 0.095, 0.665, height))
     chart.prepare(ax, frame)
@@ -144,7 +144,7 @@ def draw_snapshots(forecast: Forecast, path: Path, setting: Setting, *, overlays
     frame = layers.extent(forecast, times, setting.marks, (), aspect=1.0)
     land = chart.land_path(frame, setting.polygons(frame.box()), 420)
     # The shading of maps that stand on few particles must not make the others pale.
-    sure = [i for i in picks if not effective.at(forecast.data, i).few]
+    sure = [i for i in picks if not effective.effective_at(forecast.data, i).few]
     top = max(layers.scale_top(forecast.data.isel(time=i)) for i in sure or picks)
     for k, i in enumerate(picks):
         row, column = divmod(k, columns)
@@ -184,7 +184,7 @@ def small_map(
     shown = np.where(holds, np.maximum(density, top / 1000), np.nan)
     mesh = layers.shade(ax, frame, forecast, shown, LogNorm(top / 1000, top))
     chart.draw_land(ax, land)
-    count = effective.at(forecast.data, i, setting.particles)
+    count = effective.effective_at(forecast.data, i, setting.particles)
     outlines = layers.areas_of(forecast, at["time"].values, forecast.ends)
     layers.outline(ax, frame, forecast, outlines, count.few, width=0.7)
     for overlay in overlays:
@@ -274,7 +274,7 @@ def _rows(
         triangle = Line2D(
             [], [], color=layers.ASHORE, linestyle="none", marker="^", markersize=9, markeredgecolor="white"
         )
-        where = coastal.words(forecast.data.isel(time=time))
+        where = coastal.coast_in_words(forecast.data.isel(time=time))
         told = f"Ashore, {notation.percent(ashore)} in all, size by probability{'; ' if where else ''}{where}"
         rows.append((triangle, told))
     if land:

@@ -14,7 +14,7 @@ from geo import notation, sphere
 from geo.notation import NMI
 
 
-def of(forecast: Forecast, tracks: Trajectories) -> list[Leaf]:
+def forecast_leaves(forecast: Forecast, tracks: Trajectories) -> list[Leaf]:
     """Return the leaves of a forecast and of its subsample."""
     data = forecast.data
     stories = {"All scenarios": data["probability"].values}
@@ -42,7 +42,7 @@ def of(forecast: Forecast, tracks: Trajectories) -> list[Leaf]:
                       [status.name.lower() for status in sorted(Status)], tracks.scenario),
         leaves.track("Datum", "track.csv", "datum_lon", "datum_lat", "datum", shown=False),
         leaves.track("Mean position", "track.csv", "mean_lon", "mean_lat", "mean"),
-        leaves.table("By time", _columns(data), file="track.csv", by_time="time", note="Press a row to see its map."),
+        leaves.table_leaf("By time", _columns(data), file="track.csv", by_time="time", note="Press a row to see its map."),
     ]  # fmt: skip
 
 

@@ -29,7 +29,7 @@ LETTERS = 30  # of a story's name over its map
 LIKELY = 0.01  # probability of a story from which on the maps' extent follows it
 
 
-def draw(forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence[AtTime] = ()) -> None:
+def plot_scenarios(forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence[AtTime] = ()) -> None:
     """Draw the stories at the last output; overlays: as of drift.forecast.products.map.draw_snapshots."""
     found, imprint = each(forecast, -1), setting.imprint
     now = forecast.data["time"].values[-1]
@@ -81,7 +81,7 @@ def draw(forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence
 
 
 def _count(story: Story, setting: Setting) -> effective.Count:
-    return effective.at(story.forecast.data, 0, setting.particles)
+    return effective.effective_at(story.forecast.data, 0, setting.particles)
 
 
 def _bounds(story: Story) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -14,7 +14,7 @@ from geo import notation, sphere
 from geo.notation import NMI
 
 
-def numbers(forecast: Forecast, opens: np.datetime64 | None = None) -> dict[str, Any]:
+def summary_of_forecast(forecast: Forecast, opens: np.datetime64 | None = None) -> dict[str, Any]:
     """Return the forecast's numbers for the summary: `scenarios` and, by time, `outputs`.
 
     opens: the time that the map and the report show first, as drift.forecast.mapped.opening takes it; it is told too.

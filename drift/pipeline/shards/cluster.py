@@ -138,7 +138,7 @@ def check(client: Any, folder: Path | None = None) -> None:
             )
 
 
-def moved(
+def move_shards_on_cluster(
     client: Any, kept: Work, mark: Mapping[str, str], units: Sequence[Task], tell: Callable[[float], None]
 ) -> None:
     """Have the workers move shards, which they keep in the run's folder.

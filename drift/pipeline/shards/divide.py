@@ -157,7 +157,7 @@ def begun(case: Case, where: Environment, scene: Scene, clock: Clock, layout: La
     Its particles are drawn in full when they are moved. To draw them once and keep them in between would cost more: of a
     million, places take 0.24 s of processor time and all of it 0.61 s; writing, checking and reading 96 bytes each 0.4 s.
     """
-    drawn = prior.draw(run_setup.spec_of(case, where), scene.place.coast, layout, still=True)
+    drawn = prior.draw_ensemble(run_setup.spec_of(case, where), scene.place.coast, layout, still=True)
     return drawn.tried, lost.lacking(where.box, drawn.ensemble, scene, clock)
 
 
@@ -189,9 +189,9 @@ def _sample(spec: EnsembleSpec, coast: DeviceCoast | None, whole: Layout) -> Ens
     chosen = np.unique(np.linspace(0, n - 1, min(TRIAL_SIZE, n)).astype(np.int64))
     parts = []
     for layout, slots in _around(whole, chosen):
-        drawn = prior.draw(spec, coast, layout).ensemble
+        drawn = prior.draw_ensemble(spec, coast, layout).ensemble
         parts.append(record.sample(drawn, slots))
-    return record.joined(parts)
+    return record.join_ensembles(parts)
 
 
 def _around(whole: Layout, chosen: np.ndarray) -> Iterator[tuple[Layout, np.ndarray]]:

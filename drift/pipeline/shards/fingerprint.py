@@ -11,10 +11,10 @@ from drift.pipeline.shards import machine, work
 from geo.files import digest
 
 
-def of(case: Case, where: Environment, many: int) -> dict[str, str]:
+def fingerprint_of(case: Case, where: Environment, many: int) -> dict[str, str]:
     """Return what the results of a case's run in so many shards follow from, by what it is."""
     told = run_metadata.attributes(case, where)
-    files = hashlib.sha256("".join(digest.of(path) for path in case.inputs).encode()).hexdigest()
+    files = hashlib.sha256("".join(digest.digest_of(path) for path in case.inputs).encode()).hexdigest()
     return {
         **of_machine(),
         "the case": case_digest.digest(case, moves=True),

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from drift.engine.motion import prior
-from drift.engine.motion.spool import Reel, Spool
+from drift.engine.motion.spool import ShardFile, SnapshotStore
 from drift.engine.particles import weights
 from drift.engine.particles.ensemble import Layout
 from drift.evidence.filter import meeting
@@ -33,7 +33,7 @@ from geo.errors import UserError
 class Moved:
     """A run whose shards have been moved."""
 
-    snapshots: Spool
+    snapshots: SnapshotStore
     updates: Updates | None
     posteriors: Posteriors | None
     begun: Standing | None
@@ -47,12 +47,12 @@ class _Way:
     number: int = 0  # of the present stretch
     since: From | None = None  # where it begins; None: at the run's start
     known: dict[int, float] = field(default_factory=dict)  # log mean likelihoods of doubtful contacts, by their numbers
-    stretches: list[Sequence[Reel]] = field(default_factory=list)
+    stretches: list[Sequence[ShardFile]] = field(default_factory=list)
     events: int = 0  # after which it was last asked whether particles are drawn anew
 
 
 @contextlib.contextmanager
-def moved(job: Job, run: Divided, mark: Mapping[str, str], noted: Noted | None) -> Iterator[Moved]:
+def move_shards(job: Job, run: Divided, mark: Mapping[str, str], noted: Noted | None) -> Iterator[Moved]:
     """Give what the particles of a run were like at all output times, and what was told on the way.
 
     mark: the run's fingerprint.
@@ -60,7 +60,7 @@ def moved(job: Job, run: Divided, mark: Mapping[str, str], noted: Noted | None) 
     case, job = job.case, replace(job, tell=_rising(job.tell))
     need, slices = shelf.need(case, run.layout.bounds[-1]), shelf.slices(case, run.setup.scene)
     with (
-        shelf.opened(job.out, mark, need, slices) as kept,
+        shelf.open_shelf(job.out, mark, need, slices) as kept,
         shelf.stored(job.where, kept),
     ):
         try:
@@ -70,7 +70,7 @@ def moved(job: Job, run: Divided, mark: Mapping[str, str], noted: Noted | None) 
             kept.begin_anew()
             way, told = _all(job, run, kept, mark, noted)
         last = way.stretches[-1]
-        with Spool(way.stretches) as spool:
+        with SnapshotStore(way.stretches) as spool:
             blocks = way.layout.blocks
             unsearched = columns(last, blocks, ["unsearched"]) if "unsearched" in last[0].notes else None
             with _dropped_if_refused(kept):
@@ -137,7 +137,7 @@ def _of_shard(kept: Work, since: From | None, first: int, last: int) -> From | N
     return replace(since, states=tuple(state for state in since.states if state[1] <= most and least < state[2]))
 
 
-def _stretch(job: Job, run: Divided, kept: Work, mark: Mapping[str, str], units: Sequence[Unit]) -> list[Reel]:
+def _stretch(job: Job, run: Divided, kept: Work, mark: Mapping[str, str], units: Sequence[Unit]) -> list[ShardFile]:
     """Return the reels of a stretch of all shards, moved or read where they are finished."""
     many, (begun, end) = len(units), _span(job, run, units[0])
 
@@ -148,7 +148,9 @@ def _stretch(job: Job, run: Divided, kept: Work, mark: Mapping[str, str], units:
 
     if job.client is not None:
         missing = [unit for unit in units if not kept.finished(unit.name)]
-        cluster.moved(job.client, kept, mark, missing, lambda done: tell(many - len(missing) + int(done), 0.0))
+        cluster.move_shards_on_cluster(
+            job.client, kept, mark, missing, lambda done: tell(many - len(missing) + int(done), 0.0)
+        )
     return [unit.move(run.setup.scene, job.where, partial(tell, unit.number), kept) for unit in units]
 
 
@@ -208,7 +210,7 @@ def _drawn_anew(job: Job, run: Divided, kept: Work, way: _Way, told: Told, since
     target = prior.counts_of(run.setup.spec)
     redrawing = Redrawing(job.case.seed, job.case.resampling, target)
 
-    def fill(reel: Reel) -> None:
+    def fill(reel: ShardFile) -> None:
         states = [kept.read(name) for name, _, _ in since.states]
         drawn = redrawing.anew(together(states, "particle log_weight"), layout, way.events)
         reel.note("bounds", np.array(layout.bounds if drawn is None else drawn.layout.bounds))

@@ -34,7 +34,7 @@ DRAWN = 24  # [bytes] a particle, each time that particles are drawn anew
 
 
 @contextlib.contextmanager
-def opened(out: Path | None, fingerprint: Mapping[str, str], need: int, slices: int = 0) -> Iterator[Work]:
+def open_shelf(out: Path | None, fingerprint: Mapping[str, str], need: int, slices: int = 0) -> Iterator[Work]:
     """Give the work of a run that writes to `out`, as far as it is finished; None: it is not kept.
 
     fingerprint: of all that decides on the results, by what it is of; need: [bytes] of all shards; slices: [bytes] of the
@@ -46,7 +46,7 @@ def opened(out: Path | None, fingerprint: Mapping[str, str], need: int, slices: 
             work = Work(folder, run_of(fingerprint))
             replace(folder / ABOUT, json.dumps(dict(fingerprint)))
         else:
-            folder = of(out)
+            folder = shelf_beside(out)
             work = Work(folder, run_of(fingerprint))
             try:
                 if _place(out).is_symlink() and not folder.parent.is_dir():
@@ -72,7 +72,7 @@ def check_room(out: Path | None, need: int) -> None:
 
     out: folder of its results; None: they are not kept, and the shards lie in the temporary folder.
     """
-    folder = Path(tempfile.gettempdir()) if out is None else of(out).absolute()
+    folder = Path(tempfile.gettempdir()) if out is None else shelf_beside(out).absolute()
     there = next(place for place in (folder, *folder.parents) if place.is_dir())
     have = sum(path.stat().st_size for path in folder.glob("*-*.bin")) if out is not None else 0
     _refuse_without(folder, need, have, shutil.disk_usage(there).free)
@@ -103,7 +103,7 @@ def _make_room(folder: Path, need: int, room: int) -> None:
 
 def unfinished(out: Path) -> bool:
     """Whether anything is kept of a run that was to write its results there."""
-    return os.path.isdir(of(out))
+    return os.path.isdir(shelf_beside(out))
 
 
 def begun(out: Path, fingerprint: Mapping[str, str]) -> int | None:
@@ -111,7 +111,7 @@ def begun(out: Path, fingerprint: Mapping[str, str]) -> int | None:
 
     fingerprint: of it, whatever the number of its shards.
     """
-    before = mark_of(of(out))
+    before = mark_of(shelf_beside(out))
     if before is None or any(before.get(name) != value for name, value in fingerprint.items() if name != NUMBER):
         return None
     return int(before[NUMBER]) if str(before.get(NUMBER)).isdecimal() else None
@@ -124,20 +124,20 @@ def settled(backend: str, out: str | os.PathLike[str] | None, client: Any = None
     """
     if backend != runtime.AUTO or out is None or client is not None:
         return backend
-    before = str((mark_of(of(Path(out))) or {}).get(BACKEND, "")).partition(":")[0]
+    before = str((mark_of(shelf_beside(Path(out))) or {}).get(BACKEND, "")).partition(":")[0]
     return before if before in runtime.BACKENDS else backend
 
 
 def clear(out: Path, fingerprint: Mapping[str, str] | None = None) -> None:
     """Take away what is kept of a run whose results stand; fingerprint: of that run, if another's is to be left."""
-    folder = of(out)
+    folder = shelf_beside(out)
     if unfinished(out) and (fingerprint is None or begun(out, fingerprint) is not None):
         with hidden.alone(folder, 0.0) as free:
             if free:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
-def of(out: Path) -> Path:
+def shelf_beside(out: Path) -> Path:
     """Return the folder beside that of the results; where a link of that name leads, one of these results' own."""
     place = _place(out)
     if not place.is_symlink():

@@ -20,7 +20,7 @@ from drift.engine.motion import simulate
 from drift.engine.motion.clock import Clock
 from drift.engine.motion.forcing import Forcing
 from drift.engine.motion.scene import Scene
-from drift.engine.motion.spool import Reel, Spool
+from drift.engine.motion.spool import ShardFile, SnapshotStore
 from drift.engine.motion.step_size import TRIAL_SIZE
 from drift.engine.particles import ensemble as record
 from drift.engine.particles.ensemble import Ensemble, Layout
@@ -86,11 +86,11 @@ class Unit:
         """What its file is called."""
         return f"shard-{self.number:05}"
 
-    def move(self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: Work) -> Reel:
+    def move(self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: Work) -> ShardFile:
         """Return what the particles were like at all output times, and their stays ashore; tell: takes what is done."""
         return kept.reel(self.name, self.n, partial(self._fill, scene, where, tell), self.of)
 
-    def _fill(self, scene: Scene, where: Environment, tell: simulate.Progress | None, reel: Reel) -> None:
+    def _fill(self, scene: Scene, where: Environment, tell: simulate.Progress | None, reel: ShardFile) -> None:
         case = self.case
         if tell:
             tell(0.0)
@@ -120,9 +120,11 @@ class Rounds:
         units = _units(job.case, setup.clock, self.run.spans, drawn, seed, number * many)
         if job.client is not None:
             missing = [unit for unit in units if not kept.finished(unit.name, unit.of)]
-            cluster.moved(job.client, kept, self.mark, missing, partial(self._tell, many - len(missing)))
+            cluster.move_shards_on_cluster(
+                job.client, kept, self.mark, missing, partial(self._tell, many - len(missing))
+            )
         reels = [unit.move(setup.scene, job.where, partial(self._tell, done), kept) for done, unit in enumerate(units)]
-        spool = Spool([reels], worlds=True)
+        spool = SnapshotStore([reels], worlds=True)
         try:
             release.check(_spill(job.case), np.sum([dry for _, dry in spool.noted(DRY)], axis=0))
             run_setup.check_end(job.case, job.where, setup, spool, None)
@@ -137,12 +139,15 @@ class Rounds:
 
 
 @contextlib.contextmanager
-def opened(job: Job, run: Shards) -> Iterator[Rounds]:
+def open_rounds(job: Job, run: Shards) -> Iterator[Rounds]:
     """Give what moves the rounds of a spill."""
     need = shelf.need(job.case, job.case.particles) + (BYTES_STAY + BYTES_WEIGHED) * job.case.particles
-    slices, mark = shelf.slices(job.case, run.setup.scene), fingerprint.of(job.case, job.where, len(run.spans))
+    slices, mark = (
+        shelf.slices(job.case, run.setup.scene),
+        fingerprint.fingerprint_of(job.case, job.where, len(run.spans)),
+    )
     with (
-        shelf.opened(job.out, mark, need, slices) as kept,
+        shelf.open_shelf(job.out, mark, need, slices) as kept,
         shelf.stored(job.where, kept),
     ):
         yield Rounds(job, run, kept, mark)
@@ -200,4 +205,4 @@ def _sample(spill: Spill, units: list[Unit], coast: DeviceCoast) -> Ensemble:
             if here.size:
                 own.append(record.sample(ensemble, here))
     release.check(spill, dry)
-    return record.joined([part for own in parts for part in own])
+    return record.join_ensembles([part for own in parts for part in own])

@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drift.engine.motion.ensemble_spec import EnsembleSpec
-from drift.engine.motion.spool import Reel
+from drift.engine.motion.spool import ShardFile
 from drift.engine.particles.ensemble import Layout
 from drift.engine.particles.partials import Blocks, Partial
 from drift.engine.particles.weights import Weighed
 from drift.evidence.filter import crossings
 from drift.evidence.filter.account import Event
-from drift.evidence.filter.filter import Search
+from drift.evidence.filter.filter import SearchFilter
 from drift.evidence.filter.meeting import Drawn
 from drift.evidence.filter.records import Contact
 from drift.evidence.posterior.quantities import QUANTITIES
@@ -52,8 +52,8 @@ class Stretch:
 
     def __init__(
         self,
-        reel: Reel,
-        state: Reel,
+        reel: ShardFile,
+        state: ShardFile,
         contacts: Sequence[tuple[int, Contact]],
         known: Mapping[int, float],
         since: int | None,
@@ -70,7 +70,7 @@ class Stretch:
             for number, (time, contact) in enumerate(contacts)
             if contact.belief < 1 and contact.false_density == 0 and number not in known
         ]
-        self.search: Search | None = None
+        self.search: SearchFilter | None = None
         self.since, self._until = since, since or 0
         self._events: list[dict[str, object]] = []
         self._mark = 0, 0  # events and moments that count, whatever comes of the present step
@@ -148,17 +148,17 @@ class Stretch:
                     self._reel.note(f"{of} {quantity.name} {name}", found.whole(name))
 
 
-def events(reel: Reel) -> list[dict[str, Any]]:
+def events(reel: ShardFile) -> list[dict[str, Any]]:
     """Return what took effect in a stretch."""
     return list(_read(reel, EVENTS))
 
 
-def result(reel: Reel) -> Result:
+def result(reel: ShardFile) -> Result:
     """Return why a stretch ended."""
     return Result(**_read(reel, RESULT))
 
 
-def weighed(reel: Reel, name: str, blocks: Blocks) -> Weighed:
+def weighed(reel: ShardFile, name: str, blocks: Blocks) -> Weighed:
     """Return the weights before or after a contact of the particles of a shard."""
     sums = reel.noted(f"{name} sums").reshape(-1, 1, 2)
     return Weighed(reel.noted(f"{name} top"), Partial(blocks.scenarios, blocks.scenario, blocks.number, sums))
@@ -173,5 +173,5 @@ def _text(values: object) -> Array:
     return np.frombuffer(json.dumps(values).encode(), np.uint8)
 
 
-def _read(reel: Reel, name: str) -> Any:
+def _read(reel: ShardFile, name: str) -> Any:
     return json.loads(reel.noted(name).tobytes())

@@ -12,10 +12,10 @@ from drift.engine.motion import prior, simulate
 from drift.engine.motion.clock import Clock
 from drift.engine.motion.forcing import Forcing
 from drift.engine.motion.scene import Scene
-from drift.engine.motion.spool import Reel
+from drift.engine.motion.spool import ShardFile
 from drift.engine.particles.ensemble import Layout
 from drift.evidence.filter.debris.guide import Guide
-from drift.evidence.filter.filter import Search
+from drift.evidence.filter.filter import SearchFilter
 from drift.evidence.filter.meeting import Drawn
 from drift.evidence.posterior.source import Particles
 from drift.pipeline import run_setup
@@ -67,17 +67,23 @@ class Unit:
         """What the file of its state at the end is called."""
         return state_of(self.number, self.stretch)
 
-    def move(self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: Work) -> Reel:
+    def move(self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: Work) -> ShardFile:
         """Return what the particles are like at the output times of the stretch, and what took effect; tell: takes what is done."""
 
-        def fill(reel: Reel) -> None:
+        def fill(reel: ShardFile) -> None:
             with kept.also(self.state, self.n) as state:
                 self._fill(scene, where, tell, kept, reel, state)
 
         return kept.reel(self.name, self.n, fill)
 
     def _fill(
-        self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: Work, reel: Reel, state: Reel
+        self,
+        scene: Scene,
+        where: Environment,
+        tell: simulate.Progress | None,
+        kept: Work,
+        reel: ShardFile,
+        state: ShardFile,
     ) -> None:
         case, spec = self.case, run_setup.spec_of(self.case, where)
         if tell:
@@ -85,7 +91,7 @@ class Unit:
         with contextlib.closing(Forcing(list(where.scenarios), case.direction)) as forcing:
             own = replace(scene, forcing=forcing)
             if self.since is None:
-                ensemble = prior.draw(spec, scene.place.coast, self.layout).ensemble
+                ensemble = prior.draw_ensemble(spec, scene.place.coast, self.layout).ensemble
             else:
                 if self.guide is not None:
                     spec, own = self.guide.spec(spec), self.guide.scene(own)
@@ -118,7 +124,7 @@ def state_of(number: int, stretch: int) -> str:
     return f"state-{number:05}-{stretch:03}"
 
 
-def restore(search: Search, kept: Work, since: From, first: int) -> None:
+def restore(search: SearchFilter, kept: Work, since: From, first: int) -> None:
     """Give a search that has just been made the state with which it goes on; first: slot of its first particle in the run."""
     n, slots = search.ensemble.n, np.arange(first, first + search.ensemble.n)
     drawn = kept.read(since.drawn) if since.drawn else None
@@ -138,7 +144,7 @@ def restore(search: Search, kept: Work, since: From, first: int) -> None:
         search.begin_anew(Drawn(slots, log_weight, spare, search.ensemble.layout), since.time)
 
 
-def _gathered(name: str, states: Sequence[tuple[Reel, int, int]], slots: Array) -> Array:
+def _gathered(name: str, states: Sequence[tuple[ShardFile, int, int]], slots: Array) -> Array:
     """Return a column of some slots (n,) of the run, from the states of the shards that hold them."""
     kind, size = states[0][0].notes[name][1:]
     values = np.empty((size // (states[0][2] - states[0][1]), slots.size), kind)

@@ -22,7 +22,7 @@ from drift.case.record import Case
 from drift.engine.environment.environment import Environment
 from drift.engine.motion import simulate
 from drift.engine.motion.scene import Scene
-from drift.engine.motion.spool import NoRoom, Noted, Reel, Taken
+from drift.engine.motion.spool import NoRoom, Noted, ShardFile, SnapshotIndex
 from drift.engine.particles.ensemble import Layout
 from geo.errors import UserError
 
@@ -54,7 +54,7 @@ class Task(Protocol):
     def of(self) -> str:
         """What it follows from besides the fingerprint of the run."""
 
-    def move(self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: "Work") -> Reel:
+    def move(self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: "Work") -> ShardFile:
         """Return what the particles were like, moved unless that is kept; tell: takes the share that is done."""
 
 
@@ -66,7 +66,7 @@ class Work:
     run: str  # digest of the fingerprint of the run whose files count
     sound: set[str] = field(default_factory=set)  # files whose bytes are known to be as they were written
 
-    def reel(self, name: str, n: int, fill: Callable[[Reel], None], of: str = "") -> Reel:
+    def reel(self, name: str, n: int, fill: Callable[[ShardFile], None], of: str = "") -> ShardFile:
         """Return the reel of a file, read where it is finished, else filled and kept; n: its particles.
 
         of: what it follows from besides the fingerprint, such as the worlds of a renewal.
@@ -79,12 +79,12 @@ class Work:
         return reel
 
     @contextlib.contextmanager
-    def also(self, name: str, n: int, of: str = "") -> Iterator[Reel]:
+    def also(self, name: str, n: int, of: str = "") -> Iterator[ShardFile]:
         """Give the reel of a file to fill, and keep it if anything is in it."""
         data = self._data(name)
         with self._room(data):
             self._index(name).unlink(missing_ok=True)
-            reel = Reel(data.open("w+b"), n)
+            reel = ShardFile(data.open("w+b"), n)
         try:
             with contextlib.closing(reel):
                 yield reel
@@ -106,7 +106,7 @@ class Work:
             replace(self._index(name), json.dumps({**index, "seal": self._seal(name, index)}))
         self.sound.add(name)
 
-    def read(self, name: str) -> Reel:
+    def read(self, name: str) -> ShardFile:
         """Return the reel of a file that was finished before; raise Gone where it is not there, or has been altered."""
         finished = self._finished(name, "")
         if finished is None:
@@ -164,7 +164,7 @@ class Work:
     def _index(self, name: str) -> Path:
         return self.folder / f"{name}.json"
 
-    def _finished(self, name: str, of: str) -> Reel | None:
+    def _finished(self, name: str, of: str) -> ShardFile | None:
         """Return the reel of a file that is finished; None where it is not, or has been altered since."""
         data = self._data(name)
         try:
@@ -242,7 +242,7 @@ def _digest(path: Path) -> str:
     return total.hexdigest()
 
 
-def _index(reel: Reel) -> dict[str, Any]:
+def _index(reel: ShardFile) -> dict[str, Any]:
     """Return where the columns of a reel lie; the layout is the same at all its moments."""
     layout = reel.taken[0].layout if reel.taken else None
     return {
@@ -256,11 +256,12 @@ def _index(reel: Reel) -> dict[str, Any]:
     }
 
 
-def _read(file: Path, index: Mapping[str, Any]) -> Reel:
+def _read(file: Path, index: Mapping[str, Any]) -> ShardFile:
     bounds, numbers, block = (tuple(part) for part in index["layout"] or ((), (), ()))
     layout = Layout(bounds, numbers, block)
     taken = [
-        Taken(np.datetime64(time), layout, where) for time, where in zip(index["times"], index["where"], strict=True)
+        SnapshotIndex(np.datetime64(time), layout, where)
+        for time, where in zip(index["times"], index["where"], strict=True)
     ]
     notes = {name: Noted(*noted) for name, noted in index["notes"].items()}
-    return Reel(file, index["n"], taken, index["end"], notes)
+    return ShardFile(file, index["n"], taken, index["end"], notes)

@@ -88,7 +88,7 @@ def _opened(case: Case, mark: Mapping[str, str]) -> tuple[Environment, Scene]:
     if key not in _open:
         release()
         where = run_setup.open_for(case)
-        _check(mark, fingerprint.of(case, where, int(mark[work.NUMBER])))
+        _check(mark, fingerprint.fingerprint_of(case, where, int(mark[work.NUMBER])))
         coast = device_coast.upload(where.coast) if where.coast else None
         _open[key] = where, run_setup.scene_of(case, where, coast)
     return _open[key]

@@ -136,7 +136,7 @@ def course(listener: Listener, time: Array) -> Course:
 def _towed(legs: Legs, time: Array) -> tuple[Array, Array, Array, Array]:
     """Return lon, lat [rad] at times (e,), and of each bin the course [rad] and whether it listens; bins end at vertices."""
     first, last = legs.time[0], legs.time[-1]
-    places = np.radians([polyline.place(legs, float(np.clip(t, first, last))) for t in time])
+    places = np.radians([polyline.position_at(legs, float(np.clip(t, first, last))) for t in time])
     lon, lat = sphere.wrap(places[:, 0]), places[:, 1]
     heading = np.arctan2(*sphere.offset(lon[:-1], lat[:-1], lon[1:], lat[1:]))
     middle = 0.5 * (time[1:] + time[:-1])

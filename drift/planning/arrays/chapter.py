@@ -16,7 +16,7 @@ from drift.products.report.leaves import Leaf
 
 
 @dataclass(frozen=True)
-class Matter:
+class PlacementOutputs:
     """What the files and the picture are made from."""
 
     plan: Any  # a drift.planning.arrays.planner.ArrayPlan
@@ -26,7 +26,7 @@ class Matter:
     taken: Sequence[str]  # names of the sorties that the case has
 
 
-def _picture(matter: Matter, path: Path) -> None:
+def _picture(matter: PlacementOutputs, path: Path) -> None:
     from drift.evidence.filter.products import map as search_map
     from drift.planning.arrays import layers  # here: Matplotlib takes a second to import
 
@@ -34,28 +34,31 @@ def _picture(matter: Matter, path: Path) -> None:
     own = layers.plan(matter.plan.placement.placed, matter.plan.sorties)
     setting = replace(matter.setting, overlays=(*matter.setting.overlays, lambda time: own))
     sorties = sorted(matter.plan.sorties, key=lambda sortie: (sortie.start, sortie.end))
-    search_map.draw(matter.forecast, sorties, (), matter.updates, path, setting, page=1)
+    search_map.plot_searches(matter.forecast, sorties, (), matter.updates, path, setting, page=1)
 
 
-FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
-    "arrays.txt": lambda matter, stamped: placement_text.text(
+FILES: dict[str, Callable[[PlacementOutputs, Stamped], Contents]] = {
+    "arrays.txt": lambda matter, stamped: placement_text.placement_as_text(
         matter.plan, matter.setting.imprint.title, stamped["run_id"]
     ),
     "arrays.toml": lambda matter, stamped: placement_text.toml(matter.plan, matter.taken),
-    "arrays.json": lambda matter, stamped: {"run_id": stamped["run_id"], **placement_text.numbers(matter.plan)},
+    "arrays.json": lambda matter, stamped: {
+        "run_id": stamped["run_id"],
+        **placement_text.summary_of_placement(matter.plan),
+    },
 }
-PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+PICTURES: dict[str, Callable[[PlacementOutputs, Path], None]] = {
     "arrays.png": _picture,
 }
 
 
-def chapter(matter: Matter) -> Chapter:
+def chapter(matter: PlacementOutputs) -> Chapter:
     """Return the chapter of a plan of towed arrays."""
     return Chapter(
-        {"arrays": placement_text.numbers(matter.plan)}, bound(FILES, matter), bound(PICTURES, matter),
+        {"arrays": placement_text.summary_of_placement(matter.plan)}, bound(FILES, matter), bound(PICTURES, matter),
         leaves=(partial(_leaves, matter),),
     )  # fmt: skip
 
 
-def _leaves(matter: Matter) -> list[Leaf]:
-    return [leaves.text("Towed arrays", file="arrays.txt")]
+def _leaves(matter: PlacementOutputs) -> list[Leaf]:
+    return [leaves.text_leaf("Towed arrays", file="arrays.txt")]

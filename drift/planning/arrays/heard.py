@@ -81,7 +81,7 @@ def missed(hearer: Hearer, ways: Ways, share: float, part: float = NEAR) -> Arra
     be `part` [m] in any case. Of what a way hears, 0.02 costs 0.3 %, and 0.1 costs 1.5 %.
     """
     time = hearer.tracks.time
-    lon, lat = tow_ways.at(hearer.sea, ways, time)
+    lon, lat = tow_ways.ships_at(hearer.sea, ways, time)
     begin, end = tow_ways.span(hearer.sea, ways)
     listens = (time[:-1] >= begin[:, None] - 1) & (time[1:] <= end[:, None] + 1)
     ahead = np.arctan2(*sphere.offset(lon[:, :-1], lat[:, :-1], lon[:, 1:], lat[:, 1:]))

@@ -38,7 +38,7 @@ GROUND = ListedColormap(colormaps["YlOrBr"](np.linspace(0.0, 0.42, 128)))  # of 
 LINE: dict[str, Any] = {"color": INK, "linewidth": 1.4}
 
 
-def draw(
+def plot_processing(
     allocation: Allocation, hearing: Hearing, names: Names, path: Path, imprint: Imprint, lines: Sequence[str] = ()
 ) -> None:
     """Draw which beams are processed when, and how much is heard by then.

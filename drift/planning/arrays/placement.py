@@ -61,7 +61,7 @@ class Placement:
 Tell = Callable[[float], None]
 
 
-def place(seas: Sequence[Sea], tracks: Tracks, seed: int, tell: Tell = lambda share: None) -> Placement:
+def best_ways(seas: Sequence[Sea], tracks: Tracks, seed: int, tell: Tell = lambda share: None) -> Placement:
     """Return the best ways that are found for ships among particles, whose weights have the sum 1.
 
     Raises ValueError where a ship has no way at all.
@@ -98,7 +98,7 @@ def place(seas: Sequence[Sea], tracks: Tracks, seed: int, tell: Tell = lambda sh
             old = chosen[number]
             assert old is not None
             weights = [left(number, stage) for stage in range(len(levels))]
-            pool = _refined(sea, every[number], weights, ways.joined([old, *pools[number], tried[number]]))
+            pool = _refined(sea, every[number], weights, ways.join_ways([old, *pools[number], tried[number]]))
             chosen[number] = pool[0]
             new = _value(every, chosen, levels[-1])
             if new > value or not pools[number]:
@@ -193,7 +193,7 @@ def _tried(sea: Sea, time: Array, seed: int, many: int = TRIED) -> Ways:
     for kind in kinds:
         which = np.flatnonzero(ways.possible(sea, kind, time))[: many // len(kinds)]
         found.append(kind.take(which))
-    whole = ways.joined(found)
+    whole = ways.join_ways(found)
     if not len(whole):
         raise ValueError(
             f"{sea.tow.name} has no way: none of {16 * many:,} from where it may begin keeps to its courses and its area, clear of "
@@ -270,7 +270,7 @@ def _moved(sea: Sea, some: Ways, scale: Array) -> tuple[Ways, Array]:
         for sign in (-1, 1):
             if whole.size:
                 add(some.lon, some.lat, some.course, some.course + sign * 4 * turned, np.full(len(some), 0.5), whole)
-    return ways.joined(found), np.concatenate(of)
+    return ways.join_ways(found), np.concatenate(of)
 
 
 def _value(every: Sequence[Sequence[Hearer]], chosen: Sequence[Ways | None], level: Tracks) -> float:

@@ -31,7 +31,7 @@ def worth(plan: Any) -> str:
     )
 
 
-def text(plan: Any, title: str, run: str) -> str:
+def placement_as_text(plan: Any, title: str, run: str) -> str:
     """Return the plan for people; plain ASCII but for names."""
     lines = [
         "TOWED ARRAYS",
@@ -108,7 +108,7 @@ def toml(plan: Any, taken: Sequence[str]) -> str:
     return "\n".join(parts) + "\n"
 
 
-def numbers(plan: Any) -> dict[str, Any]:
+def summary_of_placement(plan: Any) -> dict[str, Any]:
     """Return the plan for programs."""
     chosen = plan.placement
     return {
@@ -136,7 +136,7 @@ def numbers(plan: Any) -> dict[str, Any]:
     }
 
 
-def facts(plan: Any) -> dict[str, str]:
+def placement_facts(plan: Any) -> dict[str, str]:
     """Return the plan in a few lines for a terminal."""
     told = {"plan": worth(plan)}
     for placed, sortie, pos in zip(plan.placement.placed, plan.sorties, plan.pos_of, strict=True):

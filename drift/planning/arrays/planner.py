@@ -18,7 +18,7 @@ from drift.evidence.filter.records import Law, Sortie
 from drift.evidence.suspend.further import Planned
 from drift.pipeline import flow, run_metadata
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import Job, Options, Report, in_turn, opened
+from drift.pipeline.run_options import Job, Options, Report, in_turn, open_job
 from drift.pipeline.shards import shelf
 from drift.planning.arrays import chapter, placement, placement_bound, ways
 from drift.planning.arrays.placement import Placement
@@ -69,7 +69,7 @@ def place(
             f"{case.path.name}: plan: the last sortie or contact is at {notation.group(case.plan.begin)}, when the plan is to "
             "end; give begin and until in [plan], or run for longer"
         )
-    job = opened(
+    job = open_job(
         case,
         Options(out, datasets, threads, shelf.settled(backend, out, client), overwrite, report, memory, shards, client),
     )
@@ -90,11 +90,11 @@ def towed(job: Job) -> tuple[ArrayPlan, Case, Result]:
     return _worth(case, chosen, bound, sorties, result), executed, result
 
 
-def matter(job: Job, plan: ArrayPlan, executed: Case, result: Result) -> chapter.Matter:
+def matter(job: Job, plan: ArrayPlan, executed: Case, result: Result) -> chapter.PlacementOutputs:
     """Return what the files and the picture of a plan are made from."""
     setting = run_metadata.with_coast(run_metadata.setting(executed, job.where))
     taken = [sortie.name for sortie in job.case.sorties]
-    return chapter.Matter(plan, result.forecast, result.updates, setting, taken)
+    return chapter.PlacementOutputs(plan, result.forecast, result.updates, setting, taken)
 
 
 def ahead(plan: ArrayPlan) -> Planned:
@@ -114,7 +114,7 @@ def _placed(job: Job) -> tuple[Placement, Bound]:
     with job.clock.phase("plan"):
         seed = noise.seed_for(case.seed, Purpose.OPTIMISER) % 2**32
         try:
-            chosen = placement.place(seas, tracks, seed, partial(job.tell, "plan"))
+            chosen = placement.best_ways(seas, tracks, seed, partial(job.tell, "plan"))
         except ValueError as error:
             raise UserError(f'tow "{error.args[0].split(" has no way")[0]}": {error}') from None
     with job.clock.phase("bound"):

@@ -14,33 +14,35 @@ from drift.products.report.leaves import Leaf
 
 
 @dataclass(frozen=True)
-class Matter:
+class ProcessingOutputs:
     """What the files and the picture are made from."""
 
     plan: Any  # a drift.planning.arrays.processing_plan.ProcessingPlan
     setting: Setting
 
 
-def _text(matter: Matter, stamped: Stamped) -> str:
+def _text(matter: ProcessingOutputs, stamped: Stamped) -> str:
     plan = matter.plan
     title, run = matter.setting.imprint.title, stamped["run_id"]
-    return processing_text.text(plan.allocation, plan.hearing, plan.names, title, run, processing_text.notes(plan))
+    return processing_text.processing_as_text(
+        plan.allocation, plan.hearing, plan.names, title, run, processing_text.notes(plan)
+    )
 
 
-def _csv(matter: Matter, stamped: Stamped) -> str:
+def _csv(matter: ProcessingOutputs, stamped: Stamped) -> str:
     plan = matter.plan
     return processing_text.csv(plan.allocation, plan.hearing, plan.names, stamped["run_id"])
 
 
-def _picture(matter: Matter, path: Path) -> None:
+def _picture(matter: ProcessingOutputs, path: Path) -> None:
     from drift.planning.arrays import map as processing_map  # here: Matplotlib takes a second to import
 
     plan = matter.plan
     lines = processing_text.pod(plan), processing_text.begun_anew(plan)
-    processing_map.draw(plan.allocation, plan.hearing, plan.names, path, matter.setting.imprint, lines)
+    processing_map.plot_processing(plan.allocation, plan.hearing, plan.names, path, matter.setting.imprint, lines)
 
 
-FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+FILES: dict[str, Callable[[ProcessingOutputs, Stamped], Contents]] = {
     "processing.txt": _text,
     "processing.csv": _csv,
     "processing.json": lambda matter, stamped: {
@@ -48,12 +50,12 @@ FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
         **processing_text.plan_numbers(matter.plan),
     },
 }
-PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+PICTURES: dict[str, Callable[[ProcessingOutputs, Path], None]] = {
     "processing.png": _picture,
 }
 
 
-def chapter(matter: Matter) -> Chapter:
+def chapter(matter: ProcessingOutputs) -> Chapter:
     """Return the chapter of a plan of processing."""
     numbers = processing_text.plan_numbers(matter.plan)
     return Chapter(
@@ -62,5 +64,5 @@ def chapter(matter: Matter) -> Chapter:
     )  # fmt: skip
 
 
-def _leaves(matter: Matter) -> list[Leaf]:
-    return [leaves.text("Processing", file="processing.txt")]
+def _leaves(matter: ProcessingOutputs) -> list[Leaf]:
+    return [leaves.text_leaf("Processing", file="processing.txt")]

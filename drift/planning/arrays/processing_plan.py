@@ -17,7 +17,7 @@ from drift.case.record import Case
 from drift.evidence.sensors.records import Processing
 from drift.pipeline import flow, run_metadata
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import Job, Options, Report, in_turn, opened
+from drift.pipeline.run_options import Job, Options, Report, in_turn, open_job
 from drift.pipeline.shards import shelf
 from drift.planning.arrays import beams, manning, planner, processing, processing_chapter, records
 from drift.planning.arrays import chapter as tow_chapter
@@ -81,7 +81,7 @@ def allocate(
         )
     refuse_crowds(asked)
     today_of(asked)
-    job = opened(
+    job = open_job(
         case,
         Options(out, datasets, threads, shelf.settled(backend, out, client), overwrite, report, memory, shards, client),
     )
@@ -101,7 +101,7 @@ def allocate(
         result = flow.forecasted(replace(job, case=executed))
     if job.out is not None:
         setting = run_metadata.with_coast(run_metadata.setting(executed, job.where))
-        chapters.append(processing_chapter.chapter(processing_chapter.Matter(plan, setting)))
+        chapters.append(processing_chapter.chapter(processing_chapter.ProcessingOutputs(plan, setting)))
         flow.write(result, job, more=chapters, planned=ahead)
         shelf.clear(job.out)
     return plan, result

@@ -20,7 +20,7 @@ SHOWN = 8  # slots that a terminal is told
 BEST_LEFT = 3  # beams that are not processed, of which it is told what they would add
 
 
-def text(
+def processing_as_text(
     allocation: Allocation, hearing: Hearing, names: Names, title: str, run: str, notes: Sequence[str] = ()
 ) -> str:
     """Return the table: what it is worth, and slot by slot what each processor works on.
@@ -79,7 +79,7 @@ def csv(allocation: Allocation, hearing: Hearing, names: Names, run: str) -> str
     return formats.csv_text(list(HEADER), rows)
 
 
-def numbers(allocation: Allocation, hearing: Hearing, names: Names) -> dict[str, Any]:
+def summary_of_processing(allocation: Allocation, hearing: Hearing, names: Names) -> dict[str, Any]:
     """Return what a summary holds of an allocation; all are shares of the weight."""
     return {
         "heard": share_of(allocation.heard, allocation),
@@ -138,11 +138,11 @@ def plan_numbers(plan: Any) -> dict[str, Any]:
         "pod_standard_error": plan.standard_error,
         "pod_particles": plan.particles,
         "made_on_particles": plan.made_on,
-        **numbers(plan.allocation, plan.hearing, plan.names),
+        **summary_of_processing(plan.allocation, plan.hearing, plan.names),
     }
 
 
-def facts(plan: Any) -> dict[str, str]:
+def processing_facts(plan: Any) -> dict[str, str]:
     """Return a plan in a few lines for a terminal."""
     allocation, hearing, names = plan.allocation, plan.hearing, plan.names
     told = {"plan": pod(plan), "chosen": begun_anew(plan)}

@@ -38,7 +38,7 @@ class Ways:
         return Ways(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
 
 
-def joined(some: list[Ways]) -> Ways:
+def join_ways(some: list[Ways]) -> Ways:
     """Return all of them."""
     return Ways(*(np.concatenate([getattr(ways, name) for ways in some]) for name in Ways.__dataclass_fields__))
 
@@ -129,7 +129,7 @@ def span(sea: Sea, ways: Ways) -> tuple[Array, Array]:
     return begin, np.minimum(begin + sea.tow.endurance, sea.until)
 
 
-def at(sea: Sea, ways: Ways, time: Array) -> tuple[Array, Array]:
+def ships_at(sea: Sea, ways: Ways, time: Array) -> tuple[Array, Array]:
     """Return where each is (c, e) [rad] at times [s since 1970] (e,); before its begin there, after its end where it ended."""
     begin, end = span(sea, ways)
     whole = np.maximum(end - begin, 0.0) * sea.tow.speed
@@ -156,11 +156,11 @@ def possible(sea: Sea, ways: Ways, time: Array) -> NDArray[np.bool_]:
         return good
     which = np.flatnonzero(good)
     some = ways.take(which)
-    lon, lat = at(sea, some, time)
+    lon, lat = ships_at(sea, some, time)
     if sea.allowed is not None:
         good[which] &= sea.allowed.holds(lon, lat).all(axis=1)
     if sea.land is not None and which.size:
-        x, y = sphere.offset(*sea.middle, *at(sea, some, _corners(sea, some, time)))
+        x, y = sphere.offset(*sea.middle, *ships_at(sea, some, _corners(sea, some, time)))
         lines = shapely.linestrings(np.stack([x, y], axis=2))
         good[which] &= ~shapely.intersects(sea.land, lines)
     return good
@@ -176,7 +176,7 @@ def legs(sea: Sea, ways: Ways, number: int) -> Legs:
     begin, end = (float(x[0]) for x in span(sea, one))
     turn = begin + float(one.turn[0]) * (end - begin)
     moments = [math.ceil(begin)] + ([turn] if one.turn[0] < 1 else []) + [math.floor(end)]
-    lon, lat = (np.degrees(x[0]) for x in at(sea, one, np.array(moments)))
+    lon, lat = (np.degrees(x[0]) for x in ships_at(sea, one, np.array(moments)))
     turned = np.degrees(np.unwrap(np.radians(lon)))
     return Legs(
         tuple(float(t) for t in moments), tuple(turned.tolist()), tuple(lat.tolist()), (True,) * (len(moments) - 1)

@@ -129,7 +129,7 @@ def _about(base: tuple[float, float], reach: float, segments: Segments, land_in:
     box = Box(west, max(base[1] - height, -90.0), west + min(2 * width, 360.0), min(base[1] + height, 90.0))
     assert segments.land is not None
     near = [ends for ends in segments.land.bridges if all(_holds(box, *end) for end in ends)]
-    land = land_masses.build(land_in(box), near)
+    land = land_masses.build_land_masses(land_in(box), near)
     return replace(land, bridges=tuple(near))
 
 

@@ -17,7 +17,7 @@ from drift.spills.worlds.renewal import Aftermath
 
 
 @dataclass(frozen=True)
-class Matter:
+class PatrolOutputs:
     """What the files and pictures are made from."""
 
     plan: PatrolPlan
@@ -26,7 +26,7 @@ class Matter:
     synthetic: bool  # winds or currents are made up
 
 
-def _picture(matter: Matter, path: Path) -> None:
+def _picture(matter: PatrolOutputs, path: Path) -> None:
     from drift.spills.worlds.products import map as washup_map  # here: Matplotlib takes a second to import
 
     after, setting = matter.after, matter.setting
@@ -36,14 +36,14 @@ def _picture(matter: Matter, path: Path) -> None:
     ]
     imprint = replace(setting.imprint, title=f"Planned patrols: {setting.imprint.title}")
     warnings = [*renewal.warnings(after), *matter.plan.notes, *patrol_files.too_long(matter.plan, after, most=0)]
-    washup_map.draw(
+    washup_map.plot_washup(
         after.washup, after.segments, path, replace(setting, imprint=imprint), finds=spill_chapter.finds(after),
         patrols=washup_map.Patrols(planned, "planned patrol", near=True), warning="; ".join(warnings),
     )  # fmt: skip
 
 
-FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
-    "patrols.txt": lambda matter, stamped: patrol_files.text(
+FILES: dict[str, Callable[[PatrolOutputs, Stamped], Contents]] = {
+    "patrols.txt": lambda matter, stamped: patrol_files.patrol_text(
         matter.plan, matter.after, matter.setting.imprint.title, stamped["run_id"], matter.synthetic
     ),
     "patrols.csv": lambda matter, stamped: patrol_files.csv(matter.plan, matter.after, stamped["run_id"]),
@@ -51,18 +51,18 @@ FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
     "patrols.toml": lambda matter, stamped: patrol_files.toml(matter.plan, matter.after),
 }
 # Where teams leave out what is longer than their day.
-LEFT_OUT_FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+LEFT_OUT_FILES: dict[str, Callable[[PatrolOutputs, Stamped], Contents]] = {
     "patrols_left_out.csv": lambda matter, stamped: patrol_files.left_out(matter.plan, matter.after, stamped["run_id"]),
 }
-PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+PICTURES: dict[str, Callable[[PatrolOutputs, Path], None]] = {
     "patrols.png": _picture,
 }
 
 
-def chapter(matter: Matter) -> Chapter:
+def chapter(matter: PatrolOutputs) -> Chapter:
     """Return the chapter of a plan of patrols."""
-    numbers = {"patrol_plan": patrol_files.numbers(matter.plan)}
+    numbers = {"patrol_plan": patrol_files.summary_of_patrols(matter.plan)}
     files = bound(FILES, matter) | (bound(LEFT_OUT_FILES, matter) if matter.plan.left_out else {})
     warnings = (*matter.plan.notes, *patrol_files.too_long(matter.plan, matter.after))
-    leaves = (partial(report.of, matter.plan),)
+    leaves = (partial(report.patrol_leaves, matter.plan),)
     return Chapter(numbers, files, bound(PICTURES, matter), warnings=warnings, leaves=leaves)

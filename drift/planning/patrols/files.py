@@ -40,7 +40,7 @@ LEFT_OUT = (
 LONGEST = 4  # stretches that a warning names
 
 
-def text(plan: PatrolPlan, after: Aftermath, title: str, run: str, synthetic: bool) -> str:
+def patrol_text(plan: PatrolPlan, after: Aftermath, title: str, run: str, synthetic: bool) -> str:
     """Return the schedule; it is plain ASCII but for names."""
     lines = ["PATROL PLAN", *_fill(title), f"Run {run}. Times are UTC.", ""]
     for warning in warnings(plan, after, synthetic):
@@ -206,7 +206,7 @@ def lines(plan: PatrolPlan, after: Aftermath, attributes: Mapping[str, Any]) -> 
     return geojson.collection(features, attributes)
 
 
-def numbers(plan: PatrolPlan) -> dict[str, Any]:
+def summary_of_patrols(plan: PatrolPlan) -> dict[str, Any]:
     """Return what the summary holds of a plan."""
     return {
         "found": plan.found,
@@ -228,7 +228,7 @@ def numbers(plan: PatrolPlan) -> dict[str, Any]:
     }
 
 
-def facts(plan: PatrolPlan, after: Aftermath) -> dict[str, str]:
+def patrol_facts(plan: PatrolPlan, after: Aftermath) -> dict[str, str]:
     """Return what a terminal shows."""
     lines = {"plan": worth(plan)}
     for slot, visits in patrol_planner.by_patrol(plan):

@@ -8,7 +8,7 @@ from drift.case.record import Case
 from drift.engine.environment import coastline
 from drift.pipeline import flow, run_metadata
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import Options, Report, in_turn, opened
+from drift.pipeline.run_options import Options, Report, in_turn, open_job
 from drift.pipeline.shards import shelf
 from drift.planning.patrols import access, chapter
 from drift.planning.patrols import planner as patrol_planner
@@ -41,12 +41,12 @@ def patrol(
             f"{case.path.name}: has no [[patrol_unit]] to plan with: "
             "give each its length a day, detection and first patrol"
         )
-    job = opened(
+    job = open_job(
         case,
         Options(out, datasets, threads, shelf.settled(backend, out, client), overwrite, report, memory, shards, client),
     )
     assert job.where.coast is not None
-    segments = evidence.cut(case.spill, job.where.coast)
+    segments = evidence.cut_stretches(case.spill, job.where.coast)
     asked = case.coast
     walkable = access.of_teams(
         case.spill.teams,
@@ -63,7 +63,7 @@ def patrol(
             plan = patrol_planner.plan(after, walkable)
         if job.out is not None:
             setting = run_metadata.with_coast(run_metadata.setting(case, job.where))
-            patrols = chapter.chapter(chapter.Matter(plan, after, setting, run_metadata.synthetic(case)))
+            patrols = chapter.chapter(chapter.PatrolOutputs(plan, after, setting, run_metadata.synthetic(case)))
             flow.write(result, job, more=[patrols])
     if job.out is not None:
         shelf.clear(job.out)

@@ -97,7 +97,7 @@ def plan(after: Aftermath, walkable: Walkable) -> PatrolPlan:
     for part in after.fates.parts():
         stays, own = exposure.expose(part, known.reporting, known.patrols), worth[part.world, part.kind]
         for s in reach:
-            parts[s].append(table(stays, s, own, slots))
+            parts[s].append(stretch_table(stays, s, own, slots))
         for (team, s), sums in zip(long, left, strict=True):
             sums.append(_lying(stays, s, own, [float(after.period.elapsed(team.times[0]))]))
     tables = {s: partials.merged(own).total[:-1] for s, own in parts.items()}
@@ -121,7 +121,7 @@ def value(after: Aftermath) -> Real:
     return np.asarray(left / np.maximum(shared, 1e-300))
 
 
-def table(stays: Exposure, segment: int, worth: Real, slots: Sequence[Slot]) -> Partial:
+def stretch_table(stays: Exposure, segment: int, worth: Real, slots: Sequence[Slot]) -> Partial:
     """Return what lies on a stretch at each patrol by the first patrol that could meet it, sums (M + 1, M) by block.
 
     Row i: what comes between the patrols i - 1 and i, in the last one after all; column j: how much of it is still there

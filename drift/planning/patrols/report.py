@@ -15,7 +15,7 @@ LEFT_OUT = [
 ]  # fmt: skip
 
 
-def of(plan: PatrolPlan) -> list[Leaf]:
+def patrol_leaves(plan: PatrolPlan) -> list[Leaf]:
     """Return the leaves of a plan of patrols."""
     visited = sorted({int(visit.segment) for visit in plan.visits})
     return [
@@ -27,10 +27,10 @@ def of(plan: PatrolPlan) -> list[Leaf]:
             told=[("name", "Stretch", "words")],
             frame=True,
         ),
-        leaves.table("Patrols", COLUMNS, file="patrols.csv", by_time="time"),
+        leaves.table_leaf("Patrols", COLUMNS, file="patrols.csv", by_time="time"),
         *(
             [
-                leaves.table(
+                leaves.table_leaf(
                     "Left out: longer than a team's day",
                     LEFT_OUT,
                     file="patrols_left_out.csv",
@@ -40,5 +40,5 @@ def of(plan: PatrolPlan) -> list[Leaf]:
             if plan.left_out
             else []
         ),
-        leaves.text("Schedule", file="patrols.txt"),
+        leaves.text_leaf("Schedule", file="patrols.txt"),
     ]

@@ -215,7 +215,7 @@ def _field(
     if tracks.turn is not None:
         sweep_rates *= np.concatenate([np.ones(more.shape), more, more])
     # the effort of a random search counts over the ground, whatever the particles' speed
-    slowness = [0.0 if laws.of(unit.law).detects == "anywhere" else 1 / unit.search_speed for unit in units]
+    slowness = [0.0 if laws.formulas_of(unit.law).detects == "anywhere" else 1 / unit.search_speed for unit in units]
     field = allocate.Field(
         box_of, len(area), fall, bins.pace, _states(tracks, bins.edge, len(units[0].sweep_width)), tracks.weight, sweep_rates, slowness,
         (curve.value, curve.slope, curve.conjugate), concave.STEP,
@@ -235,7 +235,7 @@ def _wander(tracks: Tracks, units: Sequence[Unit]) -> tuple[float, Array]:
         k = np.nan_to_num(tracks.flow[2]).max(axis=0)
         for u, unit in enumerate(units):
             for s, width in enumerate(unit.width_under_way or unit.sweep_width):
-                if width > 0 and laws.of(unit.law).detects == "along":
+                if width > 0 and laws.formulas_of(unit.law).detects == "along":
                     wander[s, u] = k[tracks.scenario == s].max(initial=0.0) ** 2 / (unit.search_speed * width)
     if not wander.any():
         return 0.0, np.ones(wander.shape)
@@ -249,7 +249,7 @@ def _wander(tracks: Tracks, units: Sequence[Unit]) -> tuple[float, Array]:
 def _unbounded(tracks: Tracks, units: Sequence[Unit], bins: Bins, side: float) -> str:
     """Return in a few words why there is no bound for what steers, "" where there is one; side: of boxes [m]."""
     bridged = tracks.flow is not None and bool((np.nan_to_num(tracks.flow[2]) > 0).any())
-    if bridged and any(laws.of(unit.law).detects == "abeam" for unit in units):
+    if bridged and any(laws.formulas_of(unit.law).detects == "abeam" for unit in units):
         return "no limit is known to what a sensor that counts passes abeam finds of a Brownian bridge by short legs"
     widest = max(max(*unit.sweep_width, *unit.width_under_way, 0.0) for unit in units)
     if float((bins.pace * np.diff(bins.edge)[:, None])[bins.there].mean()) > max(widest, side):
@@ -291,7 +291,7 @@ def _budget(
         widest = max(*unit.sweep_width, *unit.width_under_way, 0.0)
         to_go = np.maximum(distance - moved - widest, 0.0)
         spare[:, u] = available.within(begin, end, available.leaves + to_go / available.transit_speed)
-        ends = laws.of(unit.law).ends * widest / unit.search_speed
+        ends = laws.formulas_of(unit.law).ends * widest / unit.search_speed
         total[u] = available.search + spec.rounds * ends
         spare[:, u] += (spare[:, u] > 0) * spec.rounds * ends
     return Budget(start, np.maximum.reduceat(spare, start[:-1], axis=0), total, spare > 0)

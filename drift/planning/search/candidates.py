@@ -149,7 +149,7 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
         searched = _held(choice, laid.turn)
     start = float(legs.time[0])
     if flown.sailed[0] is not None:
-        (sailed,) = rectangle.cut(crew, [laid])
+        (sailed,) = rectangle.cut_at_coast(crew, [laid])
         assert sailed is not None  # the same legs could be sailed before
         legs = polyline.through(start + sailed.elapsed, sailed.lon, sailed.lat, sailed.searching.tolist())
         assert crew.course is not None

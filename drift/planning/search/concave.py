@@ -86,11 +86,11 @@ def curve(used: tuple[Law, ...], shapes: tuple[float, ...] = (), wander: float =
 
 def most(used: Sequence[Law], coverage: Array, wander: float = 0.0) -> Array:
     """Return what any legs of some laws find at the most where they come to a coverage, (n,)."""
-    if wander == 0 and len(used) == 1 and (known := laws.of(used[0]).any_legs) is not None:
+    if wander == 0 and len(used) == 1 and (known := laws.formulas_of(used[0]).any_legs) is not None:
         return known(used[0], coverage)
     h = ROOTS**2
-    g = np.max([laws.of(law).cap(law, h) for law in used], axis=0)
-    if wander > 0 and any(laws.of(law).detects == "along" for law in used):
+    g = np.max([laws.formulas_of(law).cap(law, h) for law in used], axis=0)
+    if wander > 0 and any(laws.formulas_of(law).detects == "along" for law in used):
         g = np.maximum(g, wandering(h, wander))
     share = np.exp(-h) * 2 * ROOTS
     detected = np.array([np.trapezoid(share * np.minimum(h, c * g), ROOTS) for c in coverage])

@@ -23,7 +23,7 @@ from drift.forecast import effective, likeliest, mapped
 from drift.forecast.effective import Count
 from drift.pipeline import flow, run_metadata
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import Job, Options, Report, in_turn, opened
+from drift.pipeline.run_options import Job, Options, Report, in_turn, open_job
 from drift.pipeline.shards import shelf
 from drift.planning.search import bound as bounds
 from drift.planning.search import follow, optimiser
@@ -58,17 +58,17 @@ def plan(
     drift.run takes them. Raises UserError for all that the user can mend.
     """
     check(case)
-    job = opened(
+    job = open_job(
         case,
         Options(out, datasets, threads, shelf.settled(backend, out, client), overwrite, report, memory, shards, client),
     )
     proposed, executed, result = scheme(job)
     if job.out is not None:
-        shown = None if proposed.shares is None else likeliest.of(proposed.shares)
+        shown = None if proposed.shares is None else likeliest.likeliest_scenarios(proposed.shares)
         setting = run_metadata.with_coast(run_metadata.setting(executed, job.where, shown))
         taken = [sortie.name for sortie in case.sorties]
         land = partial(fleet.shown, executed, job.where) if job.where.coast is not None else None
-        matter = chapter.Matter(proposed, result.forecast, setting, taken, land, run_metadata.synthetic(case))
+        matter = chapter.PlanOutputs(proposed, result.forecast, setting, taken, land, run_metadata.synthetic(case))
         flow.write(result, job, more=[chapter.chapter(matter)], planned=ahead(proposed))
         shelf.clear(job.out)
     return proposed, result
@@ -231,7 +231,7 @@ def _ashore(result: Result, begin: np.datetime64) -> float:
 def _scored(result: Result, executed: Case, begin: np.datetime64) -> Count:
     """Return how many of the case's particles count when a plan begins."""
     data = result.forecast.data
-    return effective.at(data, mapped.opening(data, begin), executed.particles)
+    return effective.effective_at(data, mapped.opening(data, begin), executed.particles)
 
 
 def _error(bound: float, bound_number: float, value: float, scored_on: Count) -> float:

@@ -200,7 +200,7 @@ def _grown(laid: _Laid, weight: Array, parts: Parts, most: float, fewest: float 
         axis, below = (high[1] - low[1] >= high[0] - low[0]).astype(np.int64), np.where(halve, size // 2, size)
         tried = np.flatnonzero(~halve & (effective > fewest * EQUAL) & ~even[parts.order[0][first]])
         if len(tried):
-            axis[tried], below[tried] = cut(laid.place * laid.scale, weight, parts, tried, fewest / 2, least)
+            axis[tried], below[tried] = best_cut(laid.place * laid.scale, weight, parts, tried, fewest / 2, least)
             even[parts.order[0]] |= np.repeat(~halve & (below == size), size)
         if np.all(below == size):
             return parts
@@ -263,7 +263,9 @@ def halved(x: Array, y: Array, most: float, fewest: float, copies: int, least: f
     return Boxes(box_of, low, high, high - low)
 
 
-def cut(points: Array, weight: Array, parts: Parts, some: Array, fewest: float, least: float) -> tuple[Array, Array]:
+def best_cut(
+    points: Array, weight: Array, parts: Parts, some: Array, fewest: float, least: float
+) -> tuple[Array, Array]:
     """Return the axis of the best cut of some parts, and how many points lie below it: all where they may be even.
 
     points: [m] (2, n); some: numbers of parts, (k,). A cut counts if it makes n effective points more than n^3 times likelier.

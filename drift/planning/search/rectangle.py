@@ -57,7 +57,7 @@ class Crew:
     @property
     def random(self) -> bool:
         """Whether it searches at random, without legs."""
-        return laws.of(self.unit.law).detects == "anywhere"
+        return laws.formulas_of(self.unit.law).detects == "anywhere"
 
     @property
     def shortest(self) -> float:
@@ -76,8 +76,8 @@ def crew(
     """Return a unit as the optimiser takes it."""
     curve = laws.pod(unit.law, np.arange(round(MOST / STEP) + 1) * STEP)
     table = None
-    if laws.of(unit.law).detects == "abeam":
-        table = np.column_stack(laws.table(unit.law)).ravel()
+    if laws.formulas_of(unit.law).detects == "abeam":
+        table = np.column_stack(laws.range_curve(unit.law)).ravel()
     width = np.array([unit.sweep_width, unit.width_under_way] if unit.width_under_way else unit.sweep_width)
     return Crew(unit, available, plane, zero, width, factor, curve, table, course)
 
@@ -172,7 +172,7 @@ def _sail(crew: Crew, rows: Array, flown: Sweeps, which: list[int]) -> None:
         which = [k for k in which if whole.length[k] >= SLIMMEST * flown.spacing[k]]
         if not which:
             return
-        sailed = cut(crew, [laid(crew, rows[k], whole, k) for k in which])
+        sailed = cut_at_coast(crew, [laid(crew, rows[k], whole, k) for k in which])
         again = []
         for k, sailing in zip(which, sailed, strict=True):
             if sailing is None or math.isinf(sailing.home):
@@ -223,7 +223,7 @@ def legs_of(crew: Crew, row: Array, flown: Sweeps, k: int) -> Legs:
     return polyline.through(crew.zero + nodes[:, 0], *np.degrees(crew.plane.round(nodes[:, 1], nodes[:, 2])))
 
 
-def cut(crew: Crew, whole: Sequence[Laid]) -> list[Sailed | None]:
+def cut_at_coast(crew: Crew, whole: Sequence[Laid]) -> list[Sailed | None]:
     """Return a boat's legs of several rectangles cut at the coast; None where it can sail none."""
     assert crew.course is not None
     legs = [(np.array(rectangle.pattern.legs.lon), np.array(rectangle.pattern.legs.lat)) for rectangle in whole]

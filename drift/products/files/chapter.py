@@ -42,7 +42,7 @@ def bound(table: Mapping[str, Callable[Concatenate[T, P], R]], matter: T) -> dic
     return {name: partial(make, matter) for name, make in table.items()}
 
 
-def joined(chapters: Iterable[Chapter]) -> Chapter:
+def join_contents(chapters: Iterable[Chapter]) -> Chapter:
     """Return all that several chapters hand out; of one name the last counts, warnings add up."""
     every = list(chapters)
     return Chapter(

@@ -64,7 +64,7 @@ def inputs(files: Iterable[str]) -> dict[str, str]:
     Raises UserError where one cannot be read any more.
     """
     try:
-        told = "; ".join(f"{Path(file).name}: {digest.of(file)}" for file in files)
+        told = "; ".join(f"{Path(file).name}: {digest.digest_of(file)}" for file in files)
     except OSError as error:
         raise UserError(f"{error.filename}: cannot be read any more ({error.strerror})") from None
     return {"inputs": told} if told else {}

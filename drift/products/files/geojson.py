@@ -17,7 +17,7 @@ def polygons(shape: shapely.MultiPolygon) -> dict[str, Any]:
     It has no coordinates if nothing is left.
     """
     coordinates = [
-        [_rounded(ring) for ring in (part.exterior, *part.interiors)] for part in antimeridian.cut(shape).geoms
+        [_rounded(ring) for ring in (part.exterior, *part.interiors)] for part in antimeridian.cut_polygons(shape).geoms
     ]
     return {"type": "MultiPolygon", "coordinates": coordinates}
 

@@ -40,7 +40,7 @@ def folder(parent: ET.Element, name: str) -> ET.Element:
     return made
 
 
-def place(
+def append_place(
     parent: ET.Element, name: str, words: str, span: tuple[str, str], look: str, geometry: Mapping[str, Any]
 ) -> None:
     """Append a place; span: from when to when it is shown, ISO 8601; look: the name of its style, "" for none."""

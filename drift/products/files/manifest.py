@@ -40,17 +40,17 @@ class Manifest:
         return {entry.name for entry in self.files} | {NAME}
 
 
-def of(run_id: str, paths: Iterable[Path]) -> Manifest:
+def manifest_of(run_id: str, paths: Iterable[Path]) -> Manifest:
     """Return the manifest of files, which are read for it."""
     return Manifest(run_id, tuple(Entry(path.name, path.stat().st_size, digest(path)) for path in paths))
 
 
-def text(manifest: Manifest) -> str:
+def manifest_text(manifest: Manifest) -> str:
     """Return a manifest as it is written to its file."""
     return json.dumps(asdict(manifest), indent=1) + "\n"
 
 
-def read(folder: Path) -> Manifest | None:
+def read_manifest(folder: Path) -> Manifest | None:
     """Return the manifest of a folder; None where there is none, or one that is not ours."""
     path = folder / NAME
     try:

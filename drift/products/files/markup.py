@@ -22,7 +22,7 @@ def position(lon: float, lat: float) -> dict[str, str]:
     return {"lat": f"{lat:.{DIGITS}f}", "lon": f"{sphere.wrap_degrees(round(lon, DIGITS)):.{DIGITS}f}"}
 
 
-def text(root: ET.Element) -> str:
+def document_text(root: ET.Element) -> str:
     """Return a document as it is written to its file."""
     ET.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'

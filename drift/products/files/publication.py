@@ -129,8 +129,8 @@ def publish(stage: Stage, run_id: str, overwrite: bool = False) -> list[Path]:
     With `overwrite` what an earlier run wrote into the target, and this one does not, is taken away. Where another run
     has published there since the stage was made, that one stands and this one is refused.
     """
-    listed = manifest.of(run_id, sorted(stage.new.iterdir()))
-    _write(stage.new / manifest.NAME, manifest.text(listed))
+    listed = manifest.manifest_of(run_id, sorted(stage.new.iterdir()))
+    _write(stage.new / manifest.NAME, manifest.manifest_text(listed))
     for entry in listed.files:
         _sync(stage.new / entry.name)
     _sync(stage.new)
@@ -169,7 +169,7 @@ def _exchange(stage: Stage, listed: Manifest) -> None:
     """Move the old run's files aside and the new ones in, or leave all as it was."""
     target, old = stage.target, stage.folder / OLD
     _refuse_obstacles(target, listed.names)
-    before = manifest.read(target)
+    before = manifest.read_manifest(target)
     aside = [manifest.NAME] if before else []
     for entry in before.files if before else ():
         replaced = entry.name in listed.names and os.path.lexists(target / entry.name)
@@ -203,7 +203,7 @@ def _exchange(stage: Stage, listed: Manifest) -> None:
 
 def _refuse_obstacles(folder: Path, names: Iterable[str]) -> None:
     """Raise UserError where one of our names is taken by anything but a file of an earlier run of ours."""
-    before = manifest.read(folder)
+    before = manifest.read_manifest(folder)
     ours = before.names if before else set()
     for name in sorted(names):
         path = folder / name
@@ -308,7 +308,7 @@ def results(folder: str | os.PathLike[str]) -> list[Path]:
     try:
         settle(folder)
         with _alone(folder, shared=True):
-            listed = manifest.read(folder)
+            listed = manifest.read_manifest(folder)
             fault = manifest.fault(folder, listed) if listed else f"it has no {manifest.NAME} of ours"
     except OSError as error:
         raise UserError(f"results {folder}: cannot be read ({error.strerror})") from None

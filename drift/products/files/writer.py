@@ -55,7 +55,7 @@ def write(
     this one does not is taken away. processes: how many may draw pictures. tell: takes the share that is written.
     """
     publication.check(folder, overwrite)
-    joined = chapter.joined(chapters)
+    joined = chapter.join_contents(chapters)
     warning = {"warning": "; ".join(joined.warnings)} if joined.warnings else {}
     now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
     stamped = {

@@ -99,7 +99,7 @@ def nearest(lon: Array, lat: Array, land: LandMasses | None = None) -> list[Near
     return found
 
 
-def words(near: Near) -> str:
+def place_in_words(near: Near) -> str:
     """Return where a place is by its town: "near X", "34 km from X", "near X, across water"; far away ""."""
     if near.away > FARTHEST:
         return ""

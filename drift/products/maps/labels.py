@@ -33,7 +33,9 @@ Point = tuple[float, float, str, dict[str, Any]]  # x, y [m], text, style
 STEPS = (1, 2, 3, 6, 12, 24, 48, 72, 120, 240, 480, 960)  # [h] between times on an axis
 
 
-def place(ax: Axes, canvas: FigureCanvasAgg, points: Sequence[Point], taken: Sequence[Bbox], must: set[int]) -> None:
+def place_labels(
+    ax: Axes, canvas: FigureCanvasAgg, points: Sequence[Point], taken: Sequence[Bbox], must: set[int]
+) -> None:
     """Write labels beside their points, each where it covers no other label or point; else leave it out.
 
     taken: boxes [axes fraction] that are in use. must: labels that are written, wherever they disturb least.

@@ -127,8 +127,8 @@ def sample(title: str, time: Array, lon: Array, lat: Array, status: Array, names
     """
     return {
         "leaf": "sample", "title": title, "time": notation.epochs(time).tolist(), "shown": False, "number": len(lon),
-        "lon": packed.numbers(lon, np.float32), "lat": packed.numbers(lat, np.float32),
-        "status": packed.numbers(status, np.uint8), "names": list(names), "story": np.asarray(story).tolist(),
+        "lon": packed.packed_numbers(lon, np.float32), "lat": packed.packed_numbers(lat, np.float32),
+        "status": packed.packed_numbers(status, np.uint8), "names": list(names), "story": np.asarray(story).tolist(),
     }  # fmt: skip
 
 
@@ -137,11 +137,11 @@ def arrows(title: str, time: Array, lon: Array, lat: Array, velocity: Array, loo
     return {
         "leaf": "arrows", "title": title, "time": notation.epochs(time).tolist(), "look": look, "shown": shown,
         "lon": np.round(lon, 5).tolist(), "lat": np.round(lat, 5).tolist(),
-        "velocity": packed.numbers(velocity, np.float32),
+        "velocity": packed.packed_numbers(velocity, np.float32),
     }  # fmt: skip
 
 
-def table(
+def table_leaf(
     title: str,
     columns: Columns,
     *,
@@ -162,6 +162,6 @@ def table(
     }  # fmt: skip
 
 
-def text(title: str, *, file: str = "", words: str = "") -> Leaf:
+def text_leaf(title: str, *, file: str = "", words: str = "") -> Leaf:
     """Return a text, of a file of the run or as it is."""
     return {"leaf": "text", "title": title, "file": file, "words": words}

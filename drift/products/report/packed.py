@@ -22,14 +22,14 @@ LEVEL = 6  # of zlib
 AT_ONCE = 2  # maps that are packed at the same time
 
 
-def text(data: bytes) -> str:
+def packed_text(data: bytes) -> str:
     """Return bytes, compressed, as text."""
     return base64.b64encode(zlib.compress(data, LEVEL)).decode("ascii")
 
 
-def numbers(values: Array, kind: npt.DTypeLike) -> str:
+def packed_numbers(values: Array, kind: npt.DTypeLike) -> str:
     """Return numbers of any shape, little-endian and in C order."""
-    return text(np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes())
+    return packed_text(np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes())
 
 
 def fold(maps: int, rows: int, columns: int) -> int:
@@ -113,4 +113,4 @@ def _held(there: Array) -> tuple[slice, slice]:
 def _frame(part: npt.NDArray[np.uint8], rows: slice, columns: slice) -> list[Any]:
     """Return a map's first row and column, its numbers of them, and its bytes."""
     down = np.diff(part, axis=0, prepend=np.uint8(0))  # modulo 256
-    return [rows.start, columns.start, *part.shape, text(down.tobytes())]
+    return [rows.start, columns.start, *part.shape, packed_text(down.tobytes())]

@@ -55,7 +55,7 @@ def write(path: Path, leaves: Sequence[Leaf], on: Setting, warnings: Sequence[st
         "attributes": {name: stamped[name] for name in ("run_id", "versions", "date_created")},
         "opens": None if on.opens is None else int(notation.epochs(on.opens)),
         "projection": _projection(box),
-        "land": packed.text(json.dumps(_land(on, box), separators=(",", ":")).encode()),
+        "land": packed.packed_text(json.dumps(_land(on, box), separators=(",", ":")).encode()),
         "leaves": list(leaves),
         "files": carried,
         "beside": beside,
@@ -160,7 +160,7 @@ def _files(folder: Path, needed: set[str]) -> tuple[dict[str, Any], list[dict[st
     for path in sorted(folder.iterdir()):
         size = path.stat().st_size
         if path.suffix in CARRIED and path.name != "manifest.json":
-            packed_text = packed.text(path.read_bytes())
+            packed_text = packed.packed_text(path.read_bytes())
             if path.name in needed or len(packed_text) <= LARGEST:
                 carried[path.name] = {"bytes": size, "data": packed_text}
                 continue

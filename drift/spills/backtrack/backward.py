@@ -133,7 +133,7 @@ def backward(
 ) -> Origin:
     """Return where and when the objects found may have been released.
 
-    spec: of the forward run. stretch: the segment of each of the spill's finds (drift.spills.worlds.evidence.place), -1 at sea;
+    spec: of the forward run. stretch: the segment of each of the spill's finds (drift.spills.worlds.evidence.stretch_of_find), -1 at sea;
     segments: None if all are. Raises UserError without finds, and where no release that is allowed leads to them.
     """
     if not spill.finds:
@@ -145,7 +145,7 @@ def backward(
     world_seed = noise.seed_for(spec.seed, Purpose.BACKWARD_WORLDS)
     many = len(where.members)
     count = -(-resolution.worlds // many) * many if many else resolution.worlds  # as many worlds of each member
-    worlds = drawn_worlds.draw(spill, world_seed, is_land, count=count, members=many)
+    worlds = drawn_worlds.draw_worlds(spill, world_seed, is_land, count=count, members=many)
     latest = max(find.time for find in spill.finds).astype("datetime64[s]")
     adrift = grid.time + round(spill.release_duration / 2)
     elapsed = notation.epoch(latest) - adrift  # [s] from the last find back to each release
@@ -179,7 +179,7 @@ def _prior_grid(spill: Spill, seed: int, is_land: drawn_worlds.IsLand, resolutio
 
     Place and time are independent unless the prior is a voyage, so all draws then count for the place at every time.
     """
-    draws = drawn_worlds.draw(spill, seed, is_land, count=DRAWS)
+    draws = drawn_worlds.draw_worlds(spill, seed, is_land, count=DRAWS)
     lon, lat = sphere.to_degrees(draws.lon), sphere.to_degrees(draws.lat)
     lon = sphere.near_degrees(lon, lon[0])
     (west, east), (south, north) = (np.quantile(x, (TAIL, 1 - TAIL)) for x in (lon, lat))

@@ -16,7 +16,7 @@ from geo import notation
 
 
 @dataclass(frozen=True)
-class Matter:
+class OriginOutputs:
     """What the files and pictures are made from."""
 
     origin: Origin
@@ -24,17 +24,17 @@ class Matter:
     setting: Setting
 
 
-def _table(matter: Matter, stamped: Stamped) -> str:
+def _table(matter: OriginOutputs, stamped: Stamped) -> str:
     return text.csv(backward.summary(matter.origin), stamped["run_id"])
 
 
-def _picture(matter: Matter, path: Path) -> None:
+def _picture(matter: OriginOutputs, path: Path) -> None:
     from drift.spills.backtrack import map as origin_map  # here: Matplotlib takes a second to import
 
-    origin_map.draw(matter.origin, path, replace(matter.setting, marks=_marks(matter)))
+    origin_map.plot_origin(matter.origin, path, replace(matter.setting, marks=_marks(matter)))
 
 
-def _marks(matter: Matter) -> list[Mark]:
+def _marks(matter: OriginOutputs) -> list[Mark]:
     return [
         Mark(find.lon, find.lat, f"{k} {find.name}, {notation.group(find.time)[:6]}Z")
         for k, find in enumerate(matter.finds, 1)
@@ -42,19 +42,19 @@ def _marks(matter: Matter) -> list[Mark]:
     ]
 
 
-FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+FILES: dict[str, Callable[[OriginOutputs, Stamped], Contents]] = {
     "origin.nc": lambda matter, stamped: backward.dataset(matter.origin),
     "origin.csv": _table,
     "origin.geojson": lambda matter, stamped: outlines.collection(matter.origin, _marks(matter), stamped),
 }
-PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+PICTURES: dict[str, Callable[[OriginOutputs, Path], None]] = {
     "origin.png": _picture,
 }
 
 
-def chapter(matter: Matter) -> Chapter:
+def chapter(matter: OriginOutputs) -> Chapter:
     """Return the chapter of a backward run."""
     warnings = backward.warnings(matter.origin)
     numbers = {"origin": backward.summary(matter.origin), "warnings": warnings}
-    leaves = (partial(report.of, matter.origin, _marks(matter)),)
+    leaves = (partial(report.origin_leaves, matter.origin, _marks(matter)),)
     return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), leaves=leaves, warnings=tuple(warnings))

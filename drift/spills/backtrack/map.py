@@ -75,7 +75,7 @@ class _Shown:
         return layers.unsure(LINES[share]) if self.few else LINES[share]
 
 
-def draw(origin: Origin, path: Path, setting: Setting) -> None:
+def plot_origin(origin: Origin, path: Path, setting: Setting) -> None:
     """Draw what drift.spills.backtrack.backward.backward found.
 
     setting: its marks are the finds, their labels beginning with their numbers: what follows is listed beside the map
@@ -159,7 +159,7 @@ def _points(
     lines = [np.column_stack(frame.project(ring[:, 0], ring[:, 1])) for ring in rings]
     drawn = np.concatenate([*lines, np.array([text[:2] for text in texts]).reshape(-1, 2), [[float(x), float(y)]]])
     bar = chart.scale_bar(ax, frame, chart.free_corner(frame, drawn[:, 0], drawn[:, 1]))
-    labels.place(ax, canvas, texts, [bar], must=set(range(len(texts))))
+    labels.place_labels(ax, canvas, texts, [bar], must=set(range(len(texts))))
 
 
 def _bar(figure: Figure, mesh: Any) -> None:

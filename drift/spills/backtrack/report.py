@@ -11,7 +11,7 @@ from drift.spills.backtrack import backward, text
 from drift.spills.backtrack.backward import Origin
 
 
-def of(origin: Origin, finds: Sequence[Mark]) -> list[Leaf]:
+def origin_leaves(origin: Origin, finds: Sequence[Mark]) -> list[Leaf]:
     """Return the leaves of a backward run and of its finds."""
     area = np.broadcast_to(backward.cell_area(origin)[:, None], origin.probability.shape[1:])
     whole = np.broadcast_to(origin.probability.sum(axis=0), origin.probability.shape)
@@ -26,8 +26,8 @@ def of(origin: Origin, finds: Sequence[Mark]) -> list[Leaf]:
             "Release", origin.time, origin.lon, origin.lat, stories, area, [top] * len(origin.time)
         ),
         leaves.marked("Finds", finds, (), "find", frame=True),
-        leaves.table(
-            "Release", [("", "Figure", "words"), ("", "Value", "words")], rows=[[name.capitalize(), words] for name, words in text.facts(backward.summary(origin)).items()],
+        leaves.table_leaf(
+            "Release", [("", "Figure", "words"), ("", "Value", "words")], rows=[[name.capitalize(), words] for name, words in text.origin_facts(backward.summary(origin)).items()],
             note="Rough backtrack; confirm with a forward run.",
         ),
     ]  # fmt: skip

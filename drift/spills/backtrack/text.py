@@ -15,7 +15,7 @@ DIGITS = 7  # decimals of a degree: 1 cm
 Row = Mapping[str, float | str]  # of drift.spills.backtrack.backward.summary
 
 
-def facts(row: Row) -> dict[str, str]:
+def origin_facts(row: Row) -> dict[str, str]:
     """Return the figures of a release by name."""
     value = {name: float(number) for name, number in row.items() if not isinstance(number, str)}
     error = float(np.hypot(value["east_error_km"], value["north_error_km"]))

@@ -29,22 +29,22 @@ SHARES = 41  # values of the share destroyed over which is summed
 ABREAST = 3000.0  # [m] off the straight line between a patrol's ends that a stretch's middle may lie
 
 
-def cut(spill: Spill, coast: Coast) -> Segments:
+def cut_stretches(spill: Spill, coast: Coast) -> Segments:
     """Return the stretches of coast by which a spill is reported: the user's, or equal ones; each on its land mass.
 
     Raises UserError for a file of stretches that cannot be used, and for a bridge that ends far from land.
     """
-    land = land_masses.build(coast.polygons, spill.bridges, coast.cut)
+    land = land_masses.build_land_masses(coast.polygons, spill.bridges, coast.cut)
     if spill.stretches is not None:
         segments = stretches.named(coast, spill.stretches, spill.stretch)
     else:
-        segments = stretches.cut(coast, spill.stretch)
+        segments = stretches.cut_coast(coast, spill.stretch)
     access = tuple(kind or spill.reporting.coast for kind in segments.access)
     mass = land_masses.of_stretches(land, coast, segments.of_edge, len(segments.name))
     return replace(segments, access=access, land=land, mass=mass)
 
 
-def build(period: Period, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds) -> finds.Known:
+def build_evidence(period: Period, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds) -> finds.Known:
     """Return what is known of a spill.
 
     Raises UserError for finds and patrols that are not where they can be.
@@ -83,7 +83,7 @@ def _placed(spill: Spill, segments: Segments, coast: Coast) -> tuple[list[tuple[
     """Return the stretches that each patrol walked, and that of each find (-1: at sea)."""
     walks = [tuple(walked(patrol, segments)) for patrol in spill.patrols]
     names = [patrol.name for patrol in spill.patrols]
-    places = [place(find, segments, coast) for find in spill.finds]
+    places = [stretch_of_find(find, segments, coast) for find in spill.finds]
     for find, where in zip(spill.finds, places, strict=True):
         if find.by is not None and where not in walks[names.index(find.by)]:
             raise UserError(
@@ -121,7 +121,7 @@ def rates(reporting: Reporting, segments: Segments) -> npt.NDArray[np.float64]:
     return np.array([reporting.rate[kind] for kind in kinds])
 
 
-def place(find: Find, segments: Segments, coast: Coast) -> int:
+def stretch_of_find(find: Find, segments: Segments, coast: Coast) -> int:
     """Return the stretch on which a find lies; -1 at sea.
 
     Raises UserError for a find off the coast, with the nearest coast and how far it is.

@@ -96,7 +96,7 @@ class Fates:
         ends = np.cumsum(self.counts)
         begins = (ends - self.counts) * self.worlds + np.multiply(self.counts, self.here.start)
         size = [max(count, 1) * partials.WORLDS for count in self.counts]
-        return partials.cut((0, *(ends * self.many).tolist()), begins.tolist(), size)
+        return partials.cut_blocks((0, *(ends * self.many).tolist()), begins.tolist(), size)
 
 
 @dataclass(frozen=True)

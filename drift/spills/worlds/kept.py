@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drift.engine.motion.spool import Portion, Spool
+from drift.engine.motion.spool import Portion, SnapshotStore
 from drift.engine.particles.status import Status
 from drift.spills.worlds import strandings
 from drift.spills.worlds.fates import FOREVER, Adrift, Fates
@@ -16,7 +16,7 @@ from geo.array import Array
 class Kept:
     """A drift.spills.worlds.fates.Source; it can be read as long as the files are there."""
 
-    snapshots: Spool
+    snapshots: SnapshotStore
     worlds: int
     counts: tuple[int, ...]  # particles of each class in a world
     of_edge: Array  # the segment of every shoreline edge

@@ -45,7 +45,9 @@ def layout(spill: Spill, first: int = 0, last: int | None = None) -> Layout:
     return Layout(bounds, numbers, tuple(int(n) for n in counts * partials.WORLDS))
 
 
-def draw(spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: DeviceCoast, seed: int) -> Ensemble:
+def draw_release(
+    spill: Spill, worlds: Worlds, period: Period, errors: Errors, coast: DeviceCoast, seed: int
+) -> Ensemble:
     """Return the ensemble of a spill's worlds, each class of equal weight within.
 
     Raises UserError when objects scattered about a release find no water.

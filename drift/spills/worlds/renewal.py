@@ -15,7 +15,7 @@ import xarray as xr
 from scipy import special  # stats would take a second to import
 
 from drift.engine.motion.period import Period
-from drift.engine.motion.spool import Spool
+from drift.engine.motion.spool import SnapshotStore
 from drift.engine.particles import partials, weights
 from drift.forecast import effective
 from drift.spills.worlds import evidence, finds, realisations, release, unknowns, verdict, washup, worlds
@@ -43,7 +43,7 @@ class Drifted:
     """A finished run: the particles at its outputs and its end, with the stays on the shore that it has taken down."""
 
     seed: int
-    snapshots: Spool
+    snapshots: SnapshotStore
     worlds: Worlds | None = None  # None unless the run is a spill
 
 
@@ -65,8 +65,8 @@ class Aftermath:
 
 def stretches(period: Period, spill: Spill, coast: Coast, drawn: Worlds) -> Segments:
     """Return the stretches of coast of a spill's figures; raise UserError for finds and patrols that cannot be."""
-    segments = evidence.cut(spill, coast)
-    evidence.build(period, spill, segments, coast, drawn)
+    segments = evidence.cut_stretches(spill, coast)
+    evidence.build_evidence(period, spill, segments, coast, drawn)
     return segments
 
 
@@ -86,7 +86,7 @@ def settle(
     assert first.worlds is not None
     drifted, drawn, rounds, usual = first, first.worlds, [0.0], None
     while True:
-        known = evidence.build(period, spill, segments, coast, drawn)
+        known = evidence.build_evidence(period, spill, segments, coast, drawn)
         fates = kept(period, spill, drifted.snapshots, segments, known)
         usual = finds.usual(fates, known, drawn.log_weight) if usual is None else usual
         known = replace(known, usual=usual)
@@ -113,7 +113,7 @@ def settle(
         first.worlds,
         posterior,
         finds.surprises(fates, known, drawn.latent, drawn.log_weight, drawn.member),
-        washup.build(
+        washup.build_washup(
             realisations.realise(fates, posterior, drifted.seed, spills(spill)),
             segments,
             posterior.weight,
@@ -128,7 +128,7 @@ def settle(
     return drifted, aftermath
 
 
-def kept(period: Period, spill: Spill, snapshots: Spool, segments: Segments, known: finds.Known) -> Kept:
+def kept(period: Period, spill: Spill, snapshots: SnapshotStore, segments: Segments, known: finds.Known) -> Kept:
     """Return what became of every particle by the end of the run, and where it was at the times of finds at sea."""
     times = _outputs(period, snapshots).tolist()
     at_sea = {k: times.index(find.time) for k, find in enumerate(known.finds) if isinstance(find.place, finds.AtSea)}
@@ -169,7 +169,7 @@ def unfound(fates: Source, known: finds.Known) -> tuple[Real, Real]:
     return shared, largest
 
 
-def _outputs(period: Period, snapshots: Spool) -> npt.NDArray[np.int64]:
+def _outputs(period: Period, snapshots: SnapshotStore) -> npt.NDArray[np.int64]:
     """Return the times of outputs [s since start]."""
     return period.seconds(snapshots.time(k) for k in range(len(snapshots)))
 
@@ -182,10 +182,10 @@ def spills(spill: Spill) -> int:
 def unknown(after: Aftermath) -> dict[str, Any]:
     """Return the unknowns of a spill, before and after the finds; see drift.spills.worlds.unknowns."""
     kinds = [kind.name for kind in after.spill.kinds]
-    return unknowns.table(after.worlds, after.prior, after.posterior, after.period.start, kinds)
+    return unknowns.unknowns_table(after.worlds, after.prior, after.posterior, after.period.start, kinds)
 
 
-def numbers(after: Aftermath) -> dict[str, Any]:
+def summary_of_spill(after: Aftermath) -> dict[str, Any]:
     """Return the numbers of a spill for the summary."""
     data, spill = after.washup, after.spill
     end = data.isel(time=-1)

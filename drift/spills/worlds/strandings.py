@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drift.engine.motion.spool import Portion, Reel
+from drift.engine.motion.spool import Portion, ShardFile
 from drift.engine.particles.ensemble import Ensemble, Layout
 from drift.engine.particles.status import Status
 from drift.spills.worlds.fates import FOREVER, Stays
@@ -45,7 +45,7 @@ class Landings:
         self._rows.append(np.stack([gone, self._edge[gone], self._ended[gone], leave]).astype(np.int32))
         self._ashore, self._ended, self._edge = ashore, ended, edge
 
-    def note(self, reel: Reel) -> None:
+    def note(self, reel: ShardFile) -> None:
         """Take down all stays at the end of the run."""
         there = np.flatnonzero(self.ensemble.status.to_numpy() == Status.ASHORE)
         ended, edge = self.ensemble.status_since.to_numpy()[there], self.ensemble.edge.to_numpy()[there]

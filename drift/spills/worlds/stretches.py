@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drift.engine.motion.spool import Reel
+from drift.engine.motion.spool import ShardFile
 from drift.engine.particles import weights
 from drift.spills.worlds import estimate
 from drift.spills.worlds.fates import FOREVER, Fates, Realisation
@@ -55,7 +55,7 @@ class _Rows:
 class Table:
     """The rows of all worlds in a file, added part by part."""
 
-    def __init__(self, file: Reel, realisations: int, times: int, kinds: int) -> None:
+    def __init__(self, file: ShardFile, realisations: int, times: int, kinds: int) -> None:
         """Begin without any row."""
         self._file, self._times, self._realisations = file, times, realisations
         self._kinds = kinds if kinds > 1 else 0

@@ -14,7 +14,7 @@ from geo.array import Real
 SHARES = (0.1, 0.5, 0.9)
 
 
-def table(
+def unknowns_table(
     worlds: Worlds, prior: Worlds, posterior: finds.Posterior, start: np.datetime64, kinds: Sequence[str]
 ) -> dict[str, Any]:
     """Return the unit of each unknown, and its mean and 10/50/90 % quantiles before and after the finds.
@@ -68,7 +68,7 @@ def _figures(values: Real, weight: Real) -> dict[str, float]:
     return figures | {f"{share:.0%}": float(q) for share, q in zip(SHARES, quantiles, strict=True)}
 
 
-def text(rows: dict[str, Any], worlds: float, run: str) -> str:
+def unknowns_csv(rows: dict[str, Any], worlds: float, run: str) -> str:
     """Return the table as CSV; worlds: how many count after the finds. run: its run_id, in the last column."""
     figures = ("mean", *(f"{share:.0%}" for share in SHARES))
     header = [

@@ -24,7 +24,7 @@ from geo.array import Array
 from geo.coast.segments import Segments
 
 
-def build(
+def build_washup(
     spills: Iterable[tuple[Fates, Sequence[Realisation]]],
     segments: Segments,
     weight: Array,
@@ -52,7 +52,7 @@ def build(
     touched = figures.pop("segment", np.empty(0, np.int64))
     figures |= stretches.unseen(figures, weight)
     figures |= _account(accounts, weight, len(outputs))
-    return washup_dataset.build(figures, segments, touched, weight, realisations, outputs, start, kinds)
+    return washup_dataset.build_washup_dataset(figures, segments, touched, weight, realisations, outputs, start, kinds)
 
 
 def worst(data: xr.Dataset, count: int | None = None, time: int = -1) -> Array:

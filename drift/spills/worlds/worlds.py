@@ -135,7 +135,7 @@ def _log_prior(latent: Real, members: int = 0) -> Real:
     return np.asarray(-0.5 * (latent**2).sum(1) - (math.log(members) if members else 0.0))
 
 
-def draw(
+def draw_worlds(
     spill: Spill,
     seed: int,
     is_land: IsLand,

@@ -116,7 +116,7 @@ def refuse_antipodes(lon: Array, lat: Array) -> None:
 def widest(bridge: Bridge) -> float:
     """Return the largest standard deviation [m] in any direction, at the way points and midway between them."""
     middle = (bridge.time[:-1] + bridge.time[1:]) / 2
-    covariance = at(bridge, np.concatenate([bridge.time, middle])).covariance
+    covariance = bridge_at(bridge, np.concatenate([bridge.time, middle])).covariance
     return float(np.sqrt(np.linalg.eigvalsh(covariance).max()))
 
 
@@ -184,7 +184,7 @@ def strayed(share: Array, later: Array, angle: Array) -> Array:
     return np.stack([plane, bent], -1)
 
 
-def at(bridge: Bridge, time: npt.ArrayLike) -> Position:
+def bridge_at(bridge: Bridge, time: npt.ArrayLike) -> Position:
     """Return where a bridge is at times, np.datetime64 or seconds as the bridge has them, (m,).
 
     Equations 2 to 9, on the sphere. Raises ValueError for a time before the first way point or after the last.

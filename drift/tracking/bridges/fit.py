@@ -157,7 +157,7 @@ def fit(
     if error is not None and not 0 <= error <= LARGEST:
         raise UserError(f"--error {error!r} must be from 0 to {LARGEST:g} m")
     rules = rules or Rules()
-    cut = stretches.cut(tracks, rules)
+    cut = stretches.cut_tracks(tracks, rules)
     best = _likeliest(METHODS[method], cut.stretches, error, "tracks")
     return Fit(
         method, rules, best.spread_rate, best.spread_error, best.curvature, best.clustered, best.error, best.error_error,

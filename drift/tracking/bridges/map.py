@@ -57,7 +57,7 @@ def box(asked: Answers) -> Box:
 
 def _frame(asked: Answers) -> Frame:
     bridge = asked.study.bridge
-    place = bridges.at(bridge, np.linspace(bridge.time[0], bridge.time[-1], 41))
+    place = bridges.bridge_at(bridge, np.linspace(bridge.time[0], bridge.time[-1], 41))
     middle = float(np.degrees(place.lon[20]))
     outlines = [
         ellipse.polygon(lon, lat, covariance + np.eye(2) * NMI**2, WIDEST, 36)
@@ -68,7 +68,7 @@ def _frame(asked: Answers) -> Frame:
     return chart.frame(sphere.near_degrees(points[:, 0], middle), points[:, 1].clip(-89.9, 89.9), aspect, margin=0.04)
 
 
-def draw(asked: Answers, path: Path, polygons: Iterable[Any], attributes: dict[str, str]) -> None:
+def plot_bridge(asked: Answers, path: Path, polygons: Iterable[Any], attributes: dict[str, str]) -> None:
     """Draw the answers into a PNG; polygons: of land [deg]; attributes: provenance, into the file."""
     bridge = asked.study.bridge
     on = sheet.begin(SHEET)
@@ -88,7 +88,7 @@ def draw(asked: Answers, path: Path, polygons: Iterable[Any], attributes: dict[s
     _lines(axes, frame, asked)
     _ways(axes, frame, asked)
     taken = chart.scale_bar(axes, frame, chart.free_corner(frame, *_means(frame, asked)))
-    labels.place(axes, on.canvas, _names(frame, asked), [taken], must=set(range(len(asked.study.names))))
+    labels.place_labels(axes, on.canvas, _names(frame, asked), [taken], must=set(range(len(asked.study.names))))
     bar, unit = sheet.density_bar(on.figure, (MAP[0] + MAP[2] + 0.014, MAP[1] + 0.22, 0.012, 0.3), mesh)
     bar.set_title(f"% per\n{unit}", fontsize=7, color=INK, pad=6)
     bar.tick_params(labelsize=7, colors=INK)
@@ -106,7 +106,7 @@ def draw(asked: Answers, path: Path, polygons: Iterable[Any], attributes: dict[s
 def _means(frame: Frame, asked: Answers, count: int = 121) -> tuple[Array, Array]:
     """Return the mean way on the chart [m]."""
     bridge = asked.study.bridge
-    way = bridges.at(bridge, np.linspace(bridge.time[0], bridge.time[-1], count))
+    way = bridges.bridge_at(bridge, np.linspace(bridge.time[0], bridge.time[-1], count))
     return frame.project(np.degrees(way.lon), np.degrees(way.lat))
 
 
@@ -114,7 +114,7 @@ def _shading(axes: Axes, frame: Frame, asked: Answers) -> Any:
     """Shade the density averaged over time [% per nmi2]; return the mesh."""
     bridge = asked.study.bridge
     half = (bridge.time[-1] - bridge.time[0]) / (2 * MOMENTS)
-    place = bridges.at(bridge, np.linspace(bridge.time[0] + half, bridge.time[-1] - half, MOMENTS))
+    place = bridges.bridge_at(bridge, np.linspace(bridge.time[0] + half, bridge.time[-1] - half, MOMENTS))
     edges = [np.linspace(*side, CELLS + 1) for side in (frame.x, frame.y)]
     x, y = np.meshgrid(*((edge[1:] + edge[:-1]) / 2 for edge in edges))
     lonlat = chart.DEGREES.transform_points(frame.crs, x, y)
@@ -215,7 +215,7 @@ def _areas(axes: Axes, asked: Answers) -> None:
     """Draw how large the areas are at each time."""
     bridge = asked.study.bridge
     time = np.linspace(bridge.time[0], bridge.time[-1], 241)
-    covariance = bridges.at(bridge, time).covariance
+    covariance = bridges.bridge_at(bridge, time).covariance
     for k, share in enumerate(asked.study.shares):
         size = ellipse.area(covariance, share)
         axes.plot((time - bridge.time[0]) / 3600, size, color=BLUE, linewidth=1.5, linestyle=DASHES[k % len(DASHES)])

@@ -61,7 +61,7 @@ class Cut:
     notes: tuple[str, ...]
 
 
-def cut(tracks: Sequence[Track], rules: Rules) -> Cut:
+def cut_tracks(tracks: Sequence[Track], rules: Rules) -> Cut:
     """Return the stretches of tracks, in the order of the tracks' first fixes.
 
     Raises UserError where no step is left.

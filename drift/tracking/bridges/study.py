@@ -57,7 +57,7 @@ class Answers:
 
 def answers(study: Study) -> Answers:
     """Return what a study asks for."""
-    position = bridges.at(study.bridge, study.times)
+    position = bridges.bridge_at(study.bridge, study.times)
     areas = np.stack([ellipse.area(position.covariance, share) for share in study.shares], -1)
     touches = []
     for line in study.lines:

@@ -50,7 +50,7 @@ def answers(found: Answers) -> Facts:
     return facts | {f"note {k}": note for k, note in enumerate(found.notes, 1)}
 
 
-def numbers(found: Answers) -> dict[str, Any]:
+def summary_of_bridge(found: Answers) -> dict[str, Any]:
     """Return the same for programs: positions in degrees, the rest in SI."""
     study, place = found.study, found.position
     long, short, direction = ellipse.axes(place.covariance)

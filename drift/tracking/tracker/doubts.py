@@ -19,7 +19,7 @@ SAMPLE = 200  # places of a tracker that are looked at, beside those that its lo
 GRID = 40  # ranges, and bearings, of a box at which land is looked for
 
 
-def of(study: Study) -> list[str]:
+def doubts_about(study: Study) -> list[str]:
     """Return what must be doubted in the detections and the tracker's log of a case, each in words."""
     told = [*_strayed(study), *_inland(study)]
     if not isinstance(study.target, Detections):

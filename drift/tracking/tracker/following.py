@@ -11,7 +11,7 @@ from drift.tracking.tracker import path
 from drift.tracking.tracker import sweeps as sweeps_of
 from drift.tracking.tracker.path import Path
 from drift.tracking.tracker.records import METHODS, Behaviour, Filling, Tracker
-from drift.tracking.tracker.sweeps import Sweeps, joined
+from drift.tracking.tracker.sweeps import Sweeps, join_sweeps
 from geo import sphere
 from geo.array import Array
 from kernels.maths import noise
@@ -108,7 +108,7 @@ class Clouds:
         n, many = len(worlds), len(worlds) * len(trackers)
         self.shape, self.size, self.seed = (len(trackers), n), size, seed
         self.rows = max((int(world.sweeps.row.max(initial=-1)) + 1 for world in worlds), default=0)
-        self._sweeps = joined([world.sweeps for world in distinct.values()])
+        self._sweeps = join_sweeps([world.sweeps for world in distinct.values()])
         self._begin, self._end = np.tile(ends[which], len(trackers)), np.tile(ends[which + 1], len(trackers))
         whole = {
             "run": np.tile(run + np.arange(n), len(trackers)), "rules": np.repeat(np.arange(len(trackers)), n),

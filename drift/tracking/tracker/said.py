@@ -14,7 +14,7 @@ from geo.array import Array
 from geo.notation import KNOT, NMI
 
 
-def facts(study: Study) -> dict[str, str]:
+def tracking_facts(study: Study) -> dict[str, str]:
     """Return a line for each part of a tracking case, by its name."""
     told = {
         "time": f"{_moment(study, 0.0)} to {_moment(study, study.end)}, figures every {notation.lasting(study.every)}"
@@ -41,7 +41,7 @@ def facts(study: Study) -> dict[str, str]:
             f"to {chase.aim} it, from {notation.stated_position(*np.degrees(chase.start))} at {_moment(study, chase.begin)}{_goal(chase)}, "
             f"{chase.steps} looks every {notation.lasting(chase.interval)}, {notation.number(chase.speed / KNOT)} kn, within {notation.number(chase.reach / NMI)} nmi"
         )
-    doubted = doubts.of(study)
+    doubted = doubts.doubts_about(study)
     return {**told, "warning": "; ".join(doubted)} if doubted else told
 
 

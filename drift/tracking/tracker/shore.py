@@ -40,7 +40,7 @@ def of_study(asked: Study) -> Shoreline | None:
     land = shore.land("gshhg", box)
     if not land.polygons.size:
         return None
-    built = edges.build(land, box)
+    built = edges.build_coast(land, box)
     return Shoreline(built, device_coast.upload(built))
 
 

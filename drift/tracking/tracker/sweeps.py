@@ -35,7 +35,7 @@ class Sweeps:
         return len(self.time)
 
 
-def joined(parts: Sequence[Sweeps]) -> Sweeps:
+def join_sweeps(parts: Sequence[Sweeps]) -> Sweeps:
     """Return several one after the other."""
     return Sweeps(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Sweeps)))
 
@@ -46,7 +46,7 @@ def ordered(parts: Sequence[Sweeps], every_detection: bool = False) -> Sweeps:
     every_detection: whether the estimate at each detection is recorded beside those at the marks.
     """
     number = np.concatenate([np.full(len(part), k) for k, part in enumerate(parts)])
-    whole = joined(parts)
+    whole = join_sweeps(parts)
     order = np.lexsort((number, whole.outcome == MARK, whole.time))
     columns = {field.name: getattr(whole, field.name)[order] for field in fields(Sweeps)}
     told = (columns["outcome"] == MARK) | (every_detection & (columns["outcome"] == DETECTED))

@@ -36,14 +36,16 @@ def find(held: Tile, indices: Sequence[int], among: Sequence[int]) -> list[int]:
     silent = np.zeros(len(indices), bool)
     for component, place in zip(held.components, places, strict=True):
         silent |= ~_there(_series(component, indices, place), component)
-    return [i for i, doubted in zip(indices, silent, strict=True) if doubted and np.isnan(tile.read(held, i)).all()]
+    return [
+        i for i, doubted in zip(indices, silent, strict=True) if doubted and np.isnan(tile.read_tile(held, i)).all()
+    ]
 
 
 def _wet(held: Tile, i: int) -> list[tuple[int, ...]] | None:
     """Return the file's indices of a point of each component that has a value in slice i; None without one."""
     found = []
     for component, layout in zip(held.components, held.layouts, strict=True):
-        values, _ = slices.read(component, layout, i)
+        values, _ = slices.read_component_slice(component, layout, i)
         wet = np.argwhere(np.isfinite(values) & (values != 0))  # land may be stored as zero
         wet = wet if len(wet) else np.argwhere(np.isfinite(values))
         if not len(wet):

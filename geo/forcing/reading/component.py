@@ -96,7 +96,7 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
         notes.append(f"depth = {depth:g} m is not used: {name} has no levels")
     method = averages.method_of(data, name, time_name, path)
     _check_method(wanted, method, path)
-    moving = places.of(files, name, dims, chosen, wanted.side, time_dim)
+    moving = places.moving_places(files, name, dims, chosen, wanted.side, time_dim)
     if moving is not None:
         notes.append(f"moving grid: {moving.count} positions; each slice is read at its own position")
     slices: list[Slice] = []
@@ -199,7 +199,7 @@ def _stamps(wanted: Wanted, file: File, time_name: str | None, own: list[Slice],
                 f'{path}: {error}; state [[{quantity}]] times = {{ stamp = "instant" }} to take times as they stand, or '
                 '"start", "middle" or "end" for means'
             ) from error
-    cells = averages.joined([bounds], [len(when)])
+    cells = averages.join_intervals([bounds], [len(when)])
     remarks += more
     chosen = np.argsort(when, kind="stable")
     if (chosen != np.arange(len(when))).any():
@@ -244,7 +244,7 @@ def _placed(
         notes.append(f"times are {zone / 3600:+g} h from UTC, as the case says")
     key = f"[[{quantity}]] times.stamp"
     cells = np.array([bounds[id(s[0]), s[3]] for s in slices])
-    times, placed, remarks = averages.place(times, cells, method, clock.stamp(wanted.times), key)
+    times, placed, remarks = averages.slice_times(times, cells, method, clock.stamp(wanted.times), key)
     notes += remarks
     return times, slices, placed
 

@@ -114,19 +114,19 @@ def _always(nest: Nest, met: Sequence[tuple[int, int]]) -> NDArray[np.bool_] | N
     return always if always.any() else masks[0]
 
 
-def read(nest: Nest, i: int) -> Values:
+def read_nested_slice(nest: Nest, i: int) -> Values:
     """Return slice i as `tile.read` does; missing where the grid is not at that time."""
     if nest.numbers[i] not in nest.met:
         return np.full((nest.grid.nlat, nest.grid.nlon, 2), np.nan, np.float32)
     held = _tile(nest, nest.numbers[i])
     if nest.dry:
         held = replace(held, dry=tile.still(held, i))
-    return tile.read(held, i)
+    return tile.read_tile(held, i)
 
 
 def missing(nest: Nest) -> tuple[float, bool]:
     """Return the share of nodes missing in the first slice that is met, and whether three slices hold nothing."""
     there = [i for i, number in enumerate(nest.numbers) if number in nest.met]
     looked_at = {there[0], there[len(there) // 2], there[-1]}
-    first = float(np.isnan(read(nest, there[0])[..., 0]).mean())
-    return first, not any(np.isfinite(read(nest, i)).any() for i in looked_at)
+    first = float(np.isnan(read_nested_slice(nest, there[0])[..., 0]).mean())
+    return first, not any(np.isfinite(read_nested_slice(nest, i)).any() for i in looked_at)

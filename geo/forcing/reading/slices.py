@@ -27,7 +27,7 @@ def window(layout: Layout) -> tuple[Index, ...]:
     return layout.rows, layout.columns
 
 
-def read(component: Component, layout: Layout, i: int) -> tuple[Array, int]:
+def read_component_slice(component: Component, layout: Layout, i: int) -> tuple[Array, int]:
     """Return slice i [m/s] over a (cropped) layout, NaN missing, and how many undeclared fill values it held."""
     index, kept = window(layout), component.kept
     part = None if kept is None else kept.part(index)

@@ -185,7 +185,7 @@ def _components(tile: Tile, i: int) -> tuple[Array, Array, int]:
     """Return both components of slice i at their own points, and how many undeclared fill values they held."""
     values, strange = [], 0
     for k in (0, 1):
-        value, count = slices.read(tile.components[k], tile.layouts[k], i)
+        value, count = slices.read_component_slice(tile.components[k], tile.layouts[k], i)
         if tile.dry is not None:
             value[tile.dry[k]] = np.nan
         values.append(value)
@@ -247,7 +247,7 @@ def _at_pole(own: Values, inner: Values, lon: Array, lat: float) -> Values:
     return np.stack(sphere.from_pole(np.radians(lon), lat, *vector), axis=-1).astype(np.float32)
 
 
-def read(tile: Tile, i: int) -> Values:
+def read_tile(tile: Tile, i: int) -> Values:
     """Return slice i: float32 (nlat, nlon, 2), true east and north [m/s], NaN missing. Any thread may call it."""
     x, y, _ = _components(tile, i)
     return _finished(tile, *_carried(tile, x, y))
@@ -264,9 +264,9 @@ def examine(tile: Tile, count: int, seen: Survey) -> Examined:
     a, b = _carried(tile, x, y)
     first = _finished(tile, a, b)
     missing = float(np.isnan(first[..., 0]).mean())
-    empty = missing == 1.0 and not any(np.isfinite(read(tile, i)).any() for i in {count // 2, count - 1} - {0})
+    empty = missing == 1.0 and not any(np.isfinite(read_tile(tile, i)).any() for i in {count // 2, count - 1} - {0})
     if tile.matrices is not None and missing < 1.0:
-        notes.append(cost.of(tile.grid, tile.layouts, (a, b), (x, y)))
+        notes.append(cost.describe_cost(tile.grid, tile.layouts, (a, b), (x, y)))
     return Examined(tile, missing, empty, strange, tuple(notes))
 
 

@@ -140,7 +140,9 @@ def _check(cells: Times, times: Times, name: str) -> None:
         raise UserError(f'"{name}" gives slices of different times intervals that do not follow each other')
 
 
-def place(times: Times, cells: Times, method: Method, stated: str, key: str) -> tuple[Times, Times | None, list[str]]:
+def slice_times(
+    times: Times, cells: Times, method: Method, stated: str, key: str
+) -> tuple[Times, Times | None, list[str]]:
     """Return the times of slices, their intervals (n, 2) or None for instants, and remarks.
 
     times: as the files have them, rising; cells (n, 2): by bounds, NaT without; stated: where in their interval the case
@@ -248,7 +250,7 @@ def _hours(span: Any) -> str:
     return f"{hours:g} h" if hours >= 1 else f"{hours * 60:g} min"
 
 
-def joined(cells: Iterable[Times | None], counts: Iterable[int]) -> Times:
+def join_intervals(cells: Iterable[Times | None], counts: Iterable[int]) -> Times:
     """Return the intervals of the slices of several files, NaT for those without bounds."""
     none = np.datetime64("NaT", "s")
     parts = [np.full((n, 2), none) if own is None else own for own, n in zip(cells, counts, strict=True)]

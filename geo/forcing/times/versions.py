@@ -15,7 +15,7 @@ from geo.forcing.derived import Part, derive, values_of
 NAME = "expver"
 
 
-def joined(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable:
+def merge_versions(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable:
     """Return a variable without its dimension of versions, the least of those that have a value; notes is added to."""
     variable = data.variables[name]
     if variable.sizes.get(NAME, 1) < 2:

@@ -65,7 +65,7 @@ def test_the_picture(tmp_path: Path) -> None:
     found = Chart(bent(179.7, -17.0), {"Box": ((180.1, -18.6), (181.4, -18.5), (181.2, -17.9))})
     setting = Setting(Imprint("Lanes", "GSHHG"), lambda box: [shapely.box(-179.0, -16.6, -178.4, -16.2)])
     for name, view in (("whole", None), ("part", Box(178.0, -18.0, 181.0, -16.0))):
-        network_map.draw(found, tmp_path / f"{name}.png", setting, view)
+        network_map.plot_network(found, tmp_path / f"{name}.png", setting, view)
     assert (tmp_path / "whole.png").read_bytes() != (tmp_path / "part.png").read_bytes()
     with Image.open(tmp_path / "whole.png") as image:
         assert image.size == (13 * 140, 8 * 140)

@@ -72,7 +72,7 @@ def test_holes_and_spans_of_times() -> None:
     ]
     assert [
         (a - run_setup, b - run_setup)
-        for a, b in stream.spans(sources.table("current", times, 0 * np.arange(7), np.ones(7)))
+        for a, b in stream.spans(sources.uniform_field("current", times, 0 * np.arange(7), np.ones(7)))
     ] == [
         (np.timedelta64(0, "s"), np.timedelta64(3600, "s")),
         (np.timedelta64(5460, "s"), np.timedelta64(6060, "s")),

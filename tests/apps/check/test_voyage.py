@@ -50,4 +50,4 @@ def test_words_of_an_itinerary(written: str, tmp_path: Path) -> None:
     path.write_text(f"{CASE}{written}\n")
     itinerary = case_file.load(path).scenarios[0].itinerary
     assert itinerary is not None
-    assert voyage.words(itinerary, "X") == TOLD[written]
+    assert voyage.itinerary_in_words(itinerary, "X") == TOLD[written]

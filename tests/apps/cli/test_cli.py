@@ -159,7 +159,7 @@ def test_facts_fold_at_the_terminals_width_and_are_whole_in_a_pipe(
     }
     monkeypatch.setenv("COLUMNS", str(width))
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
-    terminal.facts(title, told)
+    terminal.print_facts(title, told)
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= width
     rows = "".join("".join(line.split()) for line in lines)
@@ -169,7 +169,7 @@ def test_facts_fold_at_the_terminals_width_and_are_whole_in_a_pipe(
     for column, texts in zip(columns, (told.keys(), told.values()), strict=True):
         assert all("".join(text.split()) in "".join(column.split()) for text in texts)
     monkeypatch.undo()
-    terminal.facts(title, told)
+    terminal.print_facts(title, told)
     assert len(capsys.readouterr().out.strip().splitlines()) == 3
 
 

@@ -175,7 +175,7 @@ def test_faults_of_our_own_are_not_blamed_on_the_file() -> None:
         xr.Dataset()["x"]  # raised inside a library
 
 
-def stored(outputs: int = 3, n: int = 1000) -> spool.Spool:
+def stored(outputs: int = 3, n: int = 1000) -> spool.SnapshotStore:
     """Return a spool of particles at some times."""
     begin = np.datetime64("2026-01-01", "s")
     column = np.zeros(n, np.float32)
@@ -188,7 +188,9 @@ def stored(outputs: int = 3, n: int = 1000) -> spool.Spool:
         )
         for k in range(outputs)
     )
-    return spool.Spool.of_run(Period(begin, begin + np.timedelta64(outputs, "s"), 1), ensemble, moments, outputs)  # type: ignore[arg-type]
+    return spool.SnapshotStore.of_run(
+        Period(begin, begin + np.timedelta64(outputs, "s"), 1), ensemble, moments, outputs
+    )  # type: ignore[arg-type]
 
 
 def test_room_for_the_particles_is_known_before_the_run(monkeypatch: pytest.MonkeyPatch) -> None:

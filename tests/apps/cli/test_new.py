@@ -67,7 +67,7 @@ def test_a_template_of_a_contact_is_tracked_and_its_path_too(
 def test_tables_that_are_commented_out_are_accepted_too(story: str, tmp_path: Path) -> None:
     """Those of whole tables, from a "# [[" on: what a planner uncomments must not be the first mistake."""
     words, inside = [], False
-    for line in template.text(story).splitlines():
+    for line in template.template_text(story).splitlines():
         inside = line.startswith("# [[") or (inside and line.startswith("# "))
         words.append(line.removeprefix("# ") if inside and re.match(r"# (\[\[|\w+ = )", line) else line)
     path = tmp_path / "case.toml"
@@ -75,7 +75,10 @@ def test_tables_that_are_commented_out_are_accepted_too(story: str, tmp_path: Pa
     case = drift.load(path)
     assert case.title
     assert (
-        path.read_text() == template.text(story).rstrip("\n") or case.contacts or case.spill or len(case.scenarios) > 1
+        path.read_text() == template.template_text(story).rstrip("\n")
+        or case.contacts
+        or case.spill
+        or len(case.scenarios) > 1
     )
 
 

@@ -230,11 +230,11 @@ def test_lines_of_geojson_go_the_short_way_however_they_are_written() -> None:
 def test_outlines_of_cut_shapes() -> None:
     """A square against 180 degrees, one that the line only touches, and a hole through which it was cut twice."""
     square = [[179.0, 0.0], [180.0, 0.0], [180.0, 1.0], [179.0, 1.0], [179.0, 0.0]]
-    assert list(plotter.opened(square)) == [[[180.0, 1.0], [179.0, 1.0], [179.0, 0.0], [180.0, 0.0]]]
+    assert list(plotter.open_rings(square)) == [[[180.0, 1.0], [179.0, 1.0], [179.0, 0.0], [180.0, 0.0]]]
     touching = [[179.0, 0.0], [180.0, 0.5], [179.0, 1.0], [179.0, 0.0]]
-    assert list(plotter.opened(touching)) == [touching]
+    assert list(plotter.open_rings(touching)) == [touching]
     letter_c = [[-180.0, 0], [-178, 0], [-178, 3], [-180, 3], [-180, 2], [-179, 2], [-179, 1], [-180, 1], [-180, 0]]
-    found = list(plotter.opened(letter_c))
+    found = list(plotter.open_rings(letter_c))
     assert sorted(map(len, found)) == [4, 4]
     assert [-179, 2] in found[0] or [-179, 2] in found[1]
 
@@ -449,9 +449,9 @@ def test_what_is_wrong_in_a_result_is_told_with_its_place(run: Path, tmp_path: P
     whole = json.loads((copy / name).read_text())
     change(whole)
     (copy / name).write_text(json.dumps(whole))
-    listed = manifest.read(run)
+    listed = manifest.read_manifest(run)
     (copy / manifest.NAME).write_text(
-        manifest.text(manifest.of(listed.run_id, [copy / entry.name for entry in listed.files]))
+        manifest.manifest_text(manifest.manifest_of(listed.run_id, [copy / entry.name for entry in listed.files]))
     )
     with pytest.raises(UserError) as refused:
         drift.export(copy, "gpx", tmp_path / "out")
@@ -468,9 +468,9 @@ def test_cell_edges_that_are_no_numbers_are_told(run: Path, tmp_path: Path, valu
         shutil.copytree(run, copy)
         with netCDF4.Dataset(copy / "forecast.nc", "a") as file:
             file["lon_bnds"][k, :] = value
-        listed = manifest.read(run)
+        listed = manifest.read_manifest(run)
         (copy / manifest.NAME).write_text(
-            manifest.text(manifest.of(listed.run_id, [copy / entry.name for entry in listed.files]))
+            manifest.manifest_text(manifest.manifest_of(listed.run_id, [copy / entry.name for entry in listed.files]))
         )
         with pytest.raises(UserError, match="lon_bnds are not cell edges; run the case again"):
             drift.export(copy, "geotiff", tmp_path / "out")
@@ -512,7 +512,7 @@ def released(tmp_path: Path) -> Path:
     backward.dataset(origin).assign_attrs(about).to_netcdf(folder / "origin.nc")
     (folder / "origin.geojson").write_text(json.dumps(outlines.collection(origin, finds, about)))
     files = [folder / "origin.nc", folder / "origin.geojson"]
-    (folder / manifest.NAME).write_text(manifest.text(manifest.of("abc-s1", files)))
+    (folder / manifest.NAME).write_text(manifest.manifest_text(manifest.manifest_of("abc-s1", files)))
     return folder
 
 

@@ -22,7 +22,7 @@ DAY = np.timedelta64(86_400, "s")
 def test_the_page_lists_what_ships() -> None:
     page = (ROOT / "docs" / "fetch.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \| (\w+) \|.*\| ([^|]+) \|$", page, re.M)
-    shipped = catalogue.read(Path("/dev/null"))
+    shipped = catalogue.read_providers(Path("/dev/null"))
     assert {(name, quantity, who) for name, quantity, who in rows} == {
         (one.name, one.quantity, one.credentials) for one in shipped.values()
     }
@@ -36,14 +36,14 @@ def test_the_page_lists_what_ships() -> None:
 
 
 def test_the_tables_of_a_fetch_say_where_means_are_stamped(tmp_path: Path) -> None:
-    for one in catalogue.read(Path("/dev/null")).values():
+    for one in catalogue.read_providers(Path("/dev/null")).values():
         order = Order(one, Box(4, 59, 7, 61), NOW, NOW + DAY, 5.0, NOW)
         table = tomllib.loads(fetching._tables(tmp_path, [Shipment(order, ())]))[one.quantity][0]
         assert table.get("times") == (None if one.stamp == "instant" else {"stamp": one.stamp})
 
 
 def test_those_that_suit_are_chosen() -> None:
-    known = catalogue.read(Path("/dev/null"))
+    known = catalogue.read_providers(Path("/dev/null"))
 
     def names(box: Box, begin: np.datetime64, end: np.datetime64, *named: str) -> list[str]:
         return [p.name for p in catalogue.choose(known, ["current", "wind"], named, box, begin, end, NOW)]
@@ -84,7 +84,7 @@ def test_a_mistake_in_an_own_catalogue_is_told(tmp_path: Path, text: str, messag
     own = tmp_path / "own.toml"
     own.write_text(text)
     with pytest.raises(UserError, match=message):
-        catalogue.read(own)
+        catalogue.read_providers(own)
 
 
 def test_boxes() -> None:

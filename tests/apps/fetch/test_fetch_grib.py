@@ -140,7 +140,7 @@ def test_no_run_is_asked_for_before_it_is_out(tmp_path: Path, minutes: int, begi
     own.write_text(OWN.format(address="http://127.0.0.1:9"), encoding="utf-8")
     asked = RUN + np.timedelta64(60 * minutes, "s")
     first, last = (RUN + np.timedelta64(round(3600 * x), "s") for x in (begin, begin + 15.6))
-    provider = catalogue.read(own)["filter"]
+    provider = catalogue.read_providers(own)["filter"]
     order = Order(provider, Box(4.0, 59.0, 7.0, 61.0), first, last, 5.0, asked)
     told = [(time, parse_qs(address.partition("?")[2])) for time, address in grib_filter._stated(order)]
     asked_for = {key: {query[key][0] for _, query in told} for key in ("leftlon", "rightlon", "bottomlat", "toplat")}
@@ -171,7 +171,7 @@ def test_parts_hold_all_times_and_are_known_again(tmp_path: Path) -> None:
     """At most twelve times each, of two components of 17 x 13 nodes in two bytes; others have keys of their own."""
     own = tmp_path / "own.toml"
     own.write_text(OWN.format(address="http://127.0.0.1:9"), encoding="utf-8")
-    provider = catalogue.read(own)["filter"]
+    provider = catalogue.read_providers(own)["filter"]
     order = Order(provider, Box(4.0, 59.0, 7.0, 61.0), RUN - 20 * HOUR, RUN + 13 * HOUR, 5.0, NOW)
     parts_of = grib_filter.ship(order).parts
     times = [time for time, _ in grib_filter._stated(order)]

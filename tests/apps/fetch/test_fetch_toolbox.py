@@ -21,7 +21,7 @@ BEGIN = np.datetime64("2026-11-20T00:00:00", "s")
 
 @pytest.fixture
 def order() -> Order:
-    known = catalogue.read(Path(os.devnull))["cmems_current"]
+    known = catalogue.read_providers(Path(os.devnull))["cmems_current"]
     return Order(known, Box(170, -10, 190, 5), BEGIN, BEGIN + np.timedelta64(36, "h"), 5.0, BEGIN)
 
 

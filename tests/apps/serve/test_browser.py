@@ -164,7 +164,9 @@ def test_a_hostile_report_cannot_act_for_the_user(browser: Any, served: Server) 
         place = served.folder / "evil"
         (place / "report.html").write_text(script, encoding="utf-8")
         (place / manifest.NAME).unlink()
-        (place / manifest.NAME).write_text(manifest.text(manifest.of("run", sorted(place.iterdir()))), encoding="utf-8")
+        (place / manifest.NAME).write_text(
+            manifest.manifest_text(manifest.manifest_of("run", sorted(place.iterdir()))), encoding="utf-8"
+        )
         with Page(browser, served) as opened, opened.context.expect_page() as second:
             opened.page.get_by_role("link", name="a run", exact=True).click()
             report = second.value

@@ -289,8 +289,8 @@ def test_of_a_run_only_what_its_manifest_names(served: Server, run: str, name: s
 
 def test_a_file_behind_a_linked_folder_is_not_opened(served: Server) -> None:
     with pytest.raises(OSError, match=r"Not a directory|symbolic links"):
-        names.opened(served.folder, "linked", "report.html")
-    os.close(names.opened(served.folder, "done", "report.html"))
+        names.open_inside(served.folder, "linked", "report.html")
+    os.close(names.open_inside(served.folder, "done", "report.html"))
 
 
 def test_pages_of_runs_stand_apart(served: Server) -> None:
@@ -363,7 +363,7 @@ def test_a_file_is_read_to_its_last_byte_or_not_at_all(tmp_path: Path) -> None:
     assert refused.value.errno == errno.EFBIG
     for parts in (("inner",), ("inner", "b.txt"), ("inner", "a.txt", "a.txt"), ("..", tmp_path.name, "inner", "a.txt")):
         with pytest.raises(OSError, match=r"No such|directory"):
-            names.opened(tmp_path, *parts)
+            names.open_inside(tmp_path, *parts)
 
 
 @pytest.mark.parametrize(
@@ -603,7 +603,7 @@ def ended(
     async def carried_out() -> jobs.Job:
         waiting = jobs.Jobs(folder, fence.Fence((folder,)), limits)
         await waiting.open()
-        job = waiting.add(kind, "case.toml", shelf.read(folder, "case.toml")[1])
+        job = waiting.add(kind, "case.toml", shelf.read_case(folder, "case.toml")[1])
         assert job is not None
         for _ in range(300):
             if job.over:

@@ -99,7 +99,7 @@ def test_a_track_is_written(contact: tuple[Regained, Path]) -> None:
         row = next(row for row in rows if row["time"] == one["time"])
         for key in ("course_deg", "course_spread_deg", "speed_kn", "speed_std_kn"):
             assert row[key] == f"{one[key]:.1f}"
-        words = text.facts(found)[notation.group(text.moment(found, time))]
+        words = text.track_facts(found)[notation.group(text.moment(found, time))]
         assert f", course {round(one['course_deg']) % 360:03d} +- {one['course_spread_deg']:.0f}, " in words
         assert f", {one['speed_kn']:.0f} +- {one['speed_std_kn']:.0f} kn; 50 %" in words
     assert (out / "track.png").stat().st_size > 50_000
@@ -124,12 +124,15 @@ def test_a_path_is_written(contact: tuple[Regained, Path]) -> None:
     assert 20 < met[-1] < 70
     assert rows[0]["planned"] == "yes"
     missed = replace(found, chased=replace(found.chased, judged=np.full(len(rows), np.nan)))
-    assert "another cloud has lost the track" in text.facts(missed)["path"]
+    assert "another cloud has lost the track" in text.track_facts(missed)["path"]
     assert files.path_table(missed).splitlines()[-1].endswith(",,no")
-    assert files.numbers(missed)["path"]["found"]
-    near = files.numbers(found)["path"]["could_be_within_reach"]
+    assert files.summary_of_track(missed)["path"]["found"]
+    near = files.summary_of_track(found)["path"]["could_be_within_reach"]
     assert near > met[-1] / 100
-    assert f" % of the particles within 5 nmi (at most {100 * near:.0f} % are reachable); " in text.facts(found)["path"]
+    assert (
+        f" % of the particles within 5 nmi (at most {100 * near:.0f} % are reachable); "
+        in text.track_facts(found)["path"]
+    )
     route = ET.parse(out / "path.gpx").getroot().findall("g:rte/g:rtept", SPACE)
     assert [float(point.get("lat", "")) for point in route] == pytest.approx(lat, abs=1e-4)
 
@@ -149,7 +152,9 @@ def test_the_tracker_that_goes_a_path_is_not_drawn_on_the_legs_it_leaves(
         assert isinstance(found.chased, Chased)
         place, time = map._own(found)
         assert time[-1] == end
-        assert "planned on what was known" not in text.facts(found).get("warning", "")  # of legs, which are no log
+        assert "planned on what was known" not in text.track_facts(found).get(
+            "warning", ""
+        )  # of legs, which are no log
         went = EARTH.inv(-77, 14, *(float(x) for x in path.degrees(place[-1])))[2]
         assert went == pytest.approx(20 * KNOT * end, rel=1e-4)  # a rhumb line of 10 nmi at 14 N
     log, _ = contact
@@ -208,7 +213,7 @@ def test_no_path_crosses_land_from_or_to_harbours_either(box: Box, least: int) -
         aim = {"aim": "avoid", "to": tuple(np.radians(to))} if k % 2 else {"aim": "meet"}
         asked = Pursuit(start=tuple(np.radians(start)), speed=20 * KNOT, reach=3 * NMI, begin=0.0, interval=600.0 if k % 3 else 300.0, steps=8, **aim)  # fmt: skip
         try:
-            made = pursuit.pursue(asked, lambda _: (ways, np.ones(2)), chase.of(asked, chase.land()))
+            made = pursuit.pursue(asked, lambda _: (ways, np.ones(2)), chase.land_about(asked, chase.land()))
         except ValueError as error:
             refused.append(str(error))
             continue
@@ -227,7 +232,7 @@ def test_no_path_crosses_land_from_or_to_harbours_either(box: Box, least: int) -
 def test_where_there_is_no_land_nothing_is_closed() -> None:
     asked = tracking.load("lost_contact", {"pursuit.at": "40 00S 120 00W"})
     assert asked.pursuit is not None
-    barrier = chase.of(asked.pursuit, chase.land())
+    barrier = chase.land_about(asked.pursuit, chase.land())
     assert not barrier.in_squares(np.array([[-120.0, -119.0]]), np.array([[-40.0, -40.0]]), 1e4).any()
     begin, end = path.vector(*np.radians([[-120.0, -119.0], [-40.0, -40.0]]))
     assert barrier.on_legs(begin, end[None]).tolist() == [False]
@@ -253,7 +258,7 @@ def test_a_square_is_closed_where_there_is_land_in_it_and_open_away_from_it(lon:
         "lost_contact", {"pursuit.at": f"{abs(lat)}{'N' if lat > 0 else 'S'} {abs(lon)}{'E' if lon > 0 else 'W'}"}
     )
     assert asked.pursuit is not None
-    closed = chase.of(asked.pursuit, chase.land()).in_squares
+    closed = chase.land_about(asked.pursuit, chase.land()).in_squares
     rng, half = np.random.default_rng(4), 1500.0
     east, north = rng.uniform(-90_000, 90_000, (2, 400))
     x, y, _ = EARTH.fwd(
@@ -434,10 +439,10 @@ fastest = "32 kn"
     assert "found again since" not in said
     assert (tmp_path / "out" / "track.png").exists()
     found = drift.track(tmp_path / "c.toml")
-    assert files.numbers(found)["shown"][-1] == {
+    assert files.summary_of_track(found)["shown"][-1] == {
         "time": "2026-03-05T03:00:00Z", "held": False, "others_holding": 0,
     }  # fmt: skip
-    assert files.numbers(found)["lost"] == [{"time": "2026-03-05T02:06:00Z", "sensors": ["radar"]}]
+    assert files.summary_of_track(found)["lost"] == [{"time": "2026-03-05T02:06:00Z", "sensors": ["radar"]}]
 
 
 def test_a_mean_beside_the_half_that_is_likeliest_and_a_track_that_is_found_again_are_told(
@@ -448,11 +453,13 @@ def test_a_mean_beside_the_half_that_is_likeliest_and_a_track_that_is_found_agai
     k = held.row(held.shown[2].time)
     when = notation.group(text.moment(Regained(held), held.time[k]))
     assert held.within[k] == 0.5
-    assert "outside the area" not in text.facts(Regained(held))[when]
+    assert "outside the area" not in text.track_facts(Regained(held))[when]
     apart = tuple({0.5: held.areas[held.row(held.shown[0].time)][0.5], 0.9: own.get(0.9)} if j == k else own for j, own in enumerate(held.areas))  # fmt: skip
-    assert "W (a mean, outside the area of 50 %), course" in text.facts(Regained(replace(held, areas=apart)))[when]
+    assert (
+        "W (a mean, outside the area of 50 %), course" in text.track_facts(Regained(replace(held, areas=apart)))[when]
+    )
     lost = (holding.Loss(float(held.time[1]), held.study.sensors[:1]),)
-    assert text.facts(Regained(replace(held, lost=lost)))["lost"].startswith(
+    assert text.track_facts(Regained(replace(held, lost=lost)))["lost"].startswith(
         "found again since, but what was known of course and speed is gone: fewer than 10 %"
     )
 
@@ -476,10 +483,10 @@ def test_what_silence_loses_in_the_second_of_a_plot_is_not_said_to_have_had_no_w
     eyes = '[[sensor]]\nname = "eyes"\nreach = "20 nmi"\nrange_ambiguity = 1\nbearing_ambiguity = 2\non = false\n[[method]]'
     (tmp_path / "c.toml").write_text(DOUBTFUL.replace("[[method]]", eyes, 1), encoding="utf-8")
     changes = {"sensor.0.on": "true", "sensor.0.reach": "19.9 nmi", "sensor.0.sweep": "12 s"}
-    told = text.facts(drift.track(tmp_path / "c.toml", changes=changes))
+    told = text.track_facts(drift.track(tmp_path / "c.toml", changes=changes))
     assert "at 050002ZMAR26 by radar (within 19.9 nmi, grace 5 min)" in told["lost"]
     assert "no water" not in told["warning"]
-    same = text.facts(drift.track(tmp_path / "c.toml", changes={**changes, "sensor.0.reach": "20 nmi"}))
+    same = text.track_facts(drift.track(tmp_path / "c.toml", changes={**changes, "sensor.0.reach": "20 nmi"}))
     assert "050002ZMAR26" not in same.get("lost", "")  # then the radar's log is not whole
 
 
@@ -526,7 +533,7 @@ def test_a_mean_that_lies_in_no_area_is_no_place(tmp_path: Path) -> None:
         minute for minute, share in within.items() if share not in {"", "none"}
     ]
     assert [point.findtext("g:name", namespaces=SPACE) for point in root.findall("g:wpt", SPACE)] == ["050012ZMAR26"]
-    told = text.facts(found)
+    told = text.track_facts(found)
     assert "no one place (the mean, 13-59.9N 077-00.0W, lies outside the areas), any course" in told["050005ZMAR26"]
     assert "no one place" not in told["050012ZMAR26"]
     shown = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["track"]["shown"]
@@ -632,7 +639,7 @@ def test_what_a_plot_leaves_of_the_cloud_is_told(tmp_path: Path) -> None:
         assert told == pytest.approx(share, abs=3 * np.sqrt(share * (1 - share) * (1 / n + 1 / many)))
     assert float(left["31"]) > 90
     assert [round(held / 60) for held in found.held.time[found.held.anew]] == [21]
-    words = text.facts(found)
+    words = text.track_facts(found)
     assert words["repopulated"].startswith(
         f"at 050021ZMAR26 ({100 * float(found.held.left[found.held.anew][0]):.2g} %), because fewer than bulk, 10 % of "
     )
@@ -641,7 +648,7 @@ def test_what_a_plot_leaves_of_the_cloud_is_told(tmp_path: Path) -> None:
         {"time": "2026-03-05T00:21:00Z", "left": float(found.held.left[found.held.anew][0])}
     ]
     none = drift.track(tmp_path / "c.toml", changes={"method.0.fill": "position", "particles": "100", "sensor.1.bearing_ambiguity": "0.001"})  # fmt: skip
-    assert ": all of the new particles take any course" in text.facts(none)["repopulated"]
+    assert ": all of the new particles take any course" in text.track_facts(none)["repopulated"]
     # Another plot at the second's time, all round from 2 to 2.6 nmi: of what that left and drew its share by weight, not by number.
     plots = (tmp_path / "d.csv").read_text(encoding="utf-8")
     (tmp_path / "d.csv").write_text(plots.replace("+21 min,radar", f"+11 min,sharp,,2.3,{there}\n+21 min,radar"), encoding="utf-8")  # fmt: skip
@@ -658,7 +665,7 @@ def test_what_a_plot_leaves_of_the_cloud_is_told(tmp_path: Path) -> None:
         plots.replace("radar,280,2,", "radar,100,4,").replace("eyes,,2,", "eyes,,4,"), encoding="utf-8"
     )
     kept = drift.track(tmp_path / "c.toml", changes={"method.0.bulk": "0.01"})
-    assert "repopulated" not in text.facts(kept)
+    assert "repopulated" not in text.track_facts(kept)
     assert kept.held.left[np.searchsorted(kept.held.time, 1260)] == 1
 
 
@@ -672,8 +679,8 @@ def test_a_plot_on_land_leaves_nothing_and_draws_nothing(tmp_path: Path) -> None
     row = next(row for row in csv.DictReader((tmp_path / "out" / "track.csv").read_text(encoding="utf-8").splitlines()) if row["time"][14:16] == "20")  # fmt: skip
     assert (row["left_percent"], row["particles"]) == ("0.0", "0")
     assert found.held.drawn[found.held.row(1200.0)]
-    assert files.numbers(found)["drawn_anew"] == []
-    assert "no track is held from 050020ZMAR26 on" in text.facts(found)["warning"]
+    assert files.summary_of_track(found)["drawn_anew"] == []
+    assert "no track is held from 050020ZMAR26 on" in text.track_facts(found)["warning"]
     # Two at once on either side begin a track: what the first drew was no cloud that the second could contradict.
     (tmp_path / "d.csv").write_text(
         "time,sensor,bearing,range\n+2 min,radar,120,4\n+2 min,radar,300,4\n", encoding="utf-8"
@@ -684,7 +691,7 @@ def test_a_plot_on_land_leaves_nothing_and_draws_nothing(tmp_path: Path) -> None
     # In the second of the third another is in water: nothing is left of what was held, and it is drawn anew.
     (tmp_path / "d.csv").write_text(f"{log}+20 min,radar,140,6\n", encoding="utf-8")
     found = drift.track(tmp_path / "c.toml", changes=off)
-    assert files.numbers(found)["drawn_anew"] == [{"time": "2026-03-05T00:20:00Z", "left": 0.0}]
+    assert files.summary_of_track(found)["drawn_anew"] == [{"time": "2026-03-05T00:20:00Z", "left": 0.0}]
 
 
 def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
@@ -693,30 +700,30 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     (tmp_path / "d.csv").write_text(
         "time,sensor,bearing,range\n+2 min,radar,80,8\n+5 min,radar,260,8\n", encoding="utf-8"
     )
-    told = text.facts(drift.track(tmp_path / "c.toml"))["warning"]
+    told = text.track_facts(drift.track(tmp_path / "c.toml"))["warning"]
     speed = (16 - 2 * 8 * np.hypot(0.05, np.radians(1))) / 0.05
     assert f"the plot of 050005ZMAR26 needs {speed:,.0f} kn from the one before, fastest is 32 kn" in told
     assert "areas go by chance: that of " in told
     assert 'followed by "first" alone, the first of 2 ways' in told
-    checked = said.facts(tracking.load(tmp_path / "c.toml"))["warning"]  # before it is followed too
+    checked = said.tracking_facts(tracking.load(tmp_path / "c.toml"))["warning"]  # before it is followed too
     assert checked.startswith(f"the plot of 050005ZMAR26 needs {speed:,.0f} kn")
     assert "areas" not in checked
     twice = "time,sensor,bearing,range\n+2 min,radar,80,8\n+2 min,radar,80,8\n+2 min,radar,80,7.9\n"
     for own in (twice, twice.replace(",80,8\n", ",0,8\n", 1).replace(",80,8\n", ",360,8\n", 1).replace(",80,", ",0,")):
         (tmp_path / "d.csv").write_text(own, encoding="utf-8")
-        assert said.facts(tracking.load(tmp_path / "c.toml"))["warning"] == (
+        assert said.tracking_facts(tracking.load(tmp_path / "c.toml"))["warning"] == (
             "the plot of 050002ZMAR26 by radar stands 2 times: check for one that is missing"
         )
     (tmp_path / "d.csv").write_text(
         "time,sensor,bearing,range\n+2 min,radar,80,8\n+12 min,radar,70,8\n", encoding="utf-8"
     )
     inland = {"land": "turn", "tracker.at": "'15 30N 091 00W'"}  # Guatemala
-    told = text.facts(drift.track(tmp_path / "c.toml", changes=inland))["warning"]
+    told = text.track_facts(drift.track(tmp_path / "c.toml", changes=inland))["warning"]
     assert told.startswith("100 % of the box of the plot of 050002ZMAR26 is land: check its bearing and range")
     assert "no track is held from 050002ZMAR26, 050012ZMAR26 on, as no water is in the box of what was detected" in told
     plots = (tmp_path / "d.csv").read_text(encoding="utf-8")
     (tmp_path / "d.csv").write_text(plots.replace(",8\n", ",\n"), encoding="utf-8")  # by bearing alone
-    told = text.facts(drift.track(tmp_path / "c.toml", changes=inland))["warning"]
+    told = text.track_facts(drift.track(tmp_path / "c.toml", changes=inland))["warning"]
     assert (
         "no track is held from 050002ZMAR26, 050012ZMAR26 on, as no water is in the box of what was detected: check position"
         in told
@@ -724,19 +731,19 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     (tmp_path / "d.csv").write_text(plots, encoding="utf-8")
     plan = {"sensor.0.on": "{ every = '10 min', lasting = '2 min', begin = '121 s' }"}
     assert not any(
-        "radar was off" in words for words in doubts.of(tracking.load(tmp_path / "c.toml", plan))
+        "radar was off" in words for words in doubts.doubts_about(tracking.load(tmp_path / "c.toml", plan))
     )  # a second early
     plan = {"sensor.0.on": "{ every = '10 min', lasting = '2 min' }"}
-    told = text.facts(drift.track(tmp_path / "c.toml", changes=plan))["warning"]
+    told = text.track_facts(drift.track(tmp_path / "c.toml", changes=plan))["warning"]
     assert "radar was off" not in told  # at 0002 and 0012 it still turns
     (tmp_path / "d.csv").write_text("time,sensor,bearing,range\n+3 min,radar,80,8\n", encoding="utf-8")
-    told = text.facts(drift.track(tmp_path / "c.toml", changes=plan))["warning"]
+    told = text.track_facts(drift.track(tmp_path / "c.toml", changes=plan))["warning"]
     assert "radar was off when it detected something at 050003ZMAR26: check when it is on" in told
-    assert "was off" not in text.facts(drift.track(tmp_path / "c.toml"))["warning"]  # its silence is not to count
-    told = text.facts(drift.track(tmp_path / "c.toml", changes={"particles": "1"}))["warning"]
+    assert "was off" not in text.track_facts(drift.track(tmp_path / "c.toml"))["warning"]  # its silence is not to count
+    told = text.track_facts(drift.track(tmp_path / "c.toml", changes={"particles": "1"}))["warning"]
     assert "areas go by chance: that of 50 % at 050003ZMAR26 holds 0 % of 9 other clouds" in told
     many = {"particles": "2000"}
-    told = text.facts(drift.track(tmp_path / "c.toml", changes=many))["warning"]
+    told = text.track_facts(drift.track(tmp_path / "c.toml", changes=many))["warning"]
     assert "needs" not in told
     assert "areas go by chance" not in told
 
@@ -760,13 +767,13 @@ def test_plots_on_land_and_a_tracker_inland_are_told(tmp_path: Path) -> None:
     assert list(told) == [120.0, 300.0]  # of a bearing alone nothing is said
     assert list(told.values()) == pytest.approx(shares, abs=1 / 1600)  # one place of the grid
     line = f"{100 * told[120.0]:.0f} % of the box of the plot of 050002ZMAR26 is land: check its bearing and range, and the tracker's position"
-    assert doubts.of(asked) == [line]
-    assert said.facts(asked)["warning"] == line
-    assert doubts.of(tracking.load(tmp_path / "c.toml", {**at, "land": "ignore"})) == []
+    assert doubts.doubts_about(asked) == [line]
+    assert said.tracking_facts(asked)["warning"] == line
+    assert doubts.doubts_about(tracking.load(tmp_path / "c.toml", {**at, "land": "ignore"})) == []
     west = tracking.load(
         tmp_path / "c.toml", {**at, "tracker.at": "'56 47.5N 9 41.5E'"}
     )  # Jutland: of a longitude one figure is wrong
-    assert doubts.of(west)[-1] == (
+    assert doubts.doubts_about(west)[-1] == (
         "the tracker is on land at 050000ZMAR26, 56-47.5N 009-41.5E: check latitudes and longitudes, unless it flies"
     )
     # A box ends at the sensor's reach.
@@ -777,12 +784,12 @@ def test_plots_on_land_and_a_tracker_inland_are_told(tmp_path: Path) -> None:
     assert short[120.0] == pytest.approx(shapely.contains_xy(land, lon, lat).mean(), abs=1 / 1600)
     assert abs(short[120.0] - told[120.0]) > 5 / 1600
     followed = tracking.load("fast_boat", {"target.at": "'18 10N 77 20W'"})  # Jamaica
-    assert [words[:31] for words in doubts.of(followed)] == ["the target is on land at 050000"]
+    assert [words[:31] for words in doubts.doubts_about(followed)] == ["the target is on land at 050000"]
     quay = tracking.load(
         tmp_path / "c.toml", {**at, "tracker.at": "'56 42.6N 11 31.8E'"}
     )  # 600 to 1000 m from the water
     assert shapely.contains_xy(land, 11.53, 56.71)
-    assert not any("tracker is on land" in words for words in doubts.of(quay))
+    assert not any("tracker is on land" in words for words in doubts.doubts_about(quay))
 
 
 def test_clouds_that_disagree_on_whether_a_track_is_held_are_told() -> None:
@@ -797,7 +804,7 @@ def test_clouds_that_disagree_on_whether_a_track_is_held_are_told() -> None:
         kept.append([len(alone.go(time).particles(0, 0, time).weight) > 0 for time in (2700.0, 6000.0)])
     kept = np.array(kept)
     assert 0 < kept[1:, 0].sum() < 9
-    said = text.facts(Regained(held))["warning"]
+    said = text.track_facts(Regained(held))["warning"]
     for when, own, others in zip(("050245ZMAR26", "050340ZMAR26"), kept[0], kept[1:].T, strict=True):
         many, what = (9 - others.sum(), "no") if own else (others.sum(), "a")
         assert (f"at {when} {many} of 9 clouds of other random numbers hold {what} track" in said) == (many > 0)
@@ -808,11 +815,11 @@ def test_a_tracker_that_leaps_is_told(contact: tuple[Regained, Path], tmp_path: 
     """One latitude ten minutes off: 10 nmi more in 5 min and back, about 144 kn where it makes 25 mostly."""
     log = (Path(drift.__file__).parents[1] / "cases" / "tracking" / "lost_contact.csv").read_text(encoding="utf-8")
     (tmp_path / "d.csv").write_text(log.replace("14 02.569N", "14 12.569N"), encoding="utf-8")
-    told = text.facts(drift.track("lost_contact", changes={**SMALL, "detections": f"'{tmp_path / 'd.csv'}'"}))[
+    told = text.track_facts(drift.track("lost_contact", changes={**SMALL, "detections": f"'{tmp_path / 'd.csv'}'"}))[
         "warning"
     ]
     assert "kn from 2026-03-05T02:05:00Z to 2026-03-05T02:10:00Z, mostly it makes 24 kn: check its latitudes" in told
-    assert "would make" not in text.facts(contact[0]).get("warning", "")
+    assert "would make" not in text.track_facts(contact[0]).get("warning", "")
 
 
 LOGGED = """
@@ -849,7 +856,7 @@ def test_a_log_that_ends_with_the_case_counts_to_its_end_with_a_path_too(tmp_pat
             end = "050059ZMAR26" if until == "+59 min" else "050100ZMAR26"
             assert map._own(track)[1][-1] == (3540 if until == "+59 min" else 3600)  # the whole of the log is drawn
             late = f"known at its begin, 050030ZMAR26, and the tracker's log goes on until {end}: what was not seen since counts in the track alone"
-            assert (late in text.facts(track).get("warning", "")) == bool(more)
+            assert (late in text.track_facts(track).get("warning", "")) == bool(more)
         told = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
         assert told["inputs"] == f"d.csv: sha256:{hashlib.sha256(rows.encode()).hexdigest()}"
         runs.add(told["run_id"])

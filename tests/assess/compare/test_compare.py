@@ -171,7 +171,7 @@ def test_the_report_says_where_the_cases_began(search: drift.Case) -> None:
     found = drift.compare(search, drift.vary(search, {"scenario.0.position.at": "27 40N 088 10W"}))
     here, there = (Setting(Imprint("a"), marks=[Mark(lon, 27.5, "LKP")]) for lon in (-88.0, -88.1))
     for begun, names in (((here, here), ["it"]), ((here, there), ["A", "B"]), ((Setting(Imprint("a")),) * 2, [])):
-        titles = [leaf["title"] for leaf in report.of(found, begun)]
+        titles = [leaf["title"] for leaf in report.comparison_leaves(found, begun)]
         assert [title for title in titles if "began" in title] == [f"Where {name} began" for name in names]
 
 
@@ -280,7 +280,7 @@ def test_what_both_sides_are_given_is_told(spill: drift.Case, tmp_path: Path) ->
     a, b = (drift.vary(spill, {"spill.worlds": 60, **more}) for more in ({**find, **patrol}, find))
     found = drift.compare(a, b, tmp_path / "out")
     assert found.given == ("1 find and 1 patrol", "1 find")
-    words = text.facts(found)["given"]
+    words = text.comparison_facts(found)["given"]
     assert words.startswith("A is weighed by 1 find and 1 patrol, B by 1 find")
     assert "--set find='[]' --set patrol='[]'" in words
     with open(tmp_path / "out" / "compare.csv", newline="", encoding="utf-8") as file:
@@ -290,7 +290,7 @@ def test_what_both_sides_are_given_is_told(spill: drift.Case, tmp_path: Path) ->
         assert words in (tmp_path / "out" / name).read_text().replace("\\u0027", "'")
     free = drift.compare(*(drift.vary(case, {"find": [], "patrol": []}) for case in (a, b)))
     assert free.given == ("nothing", "nothing")
-    assert "given" not in text.facts(free)
+    assert "given" not in text.comparison_facts(free)
 
 
 # --- standard errors against repeated seeds, on clouds made here ---

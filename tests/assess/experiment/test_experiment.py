@@ -69,7 +69,7 @@ def test_figures_are_those_of_runs_with_the_seeds_that_follow(case: str, tmp_pat
 
 def test_numbers_of_a_summary_by_their_paths() -> None:
     summary = {"a": [{"b.c": 1}, {"b.c": 2.5}], "d": {"e": None, "f": True, "g": np.float64(3)}}
-    assert dict(ordinary.numbers(summary)) == {"a.0.b.c": 1, "a.1.b.c": 2.5, "a.-1.b.c": 2.5, "d.g": 3}
+    assert dict(ordinary.numbers_by_path(summary)) == {"a.0.b.c": 1, "a.1.b.c": 2.5, "a.-1.b.c": 2.5, "d.g": 3}
 
 
 def test_differences_are_of_runs_that_share_their_numbers() -> None:
@@ -118,7 +118,7 @@ def test_a_tracking_case_has_its_own_ways_and_figures(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="a tracking case has"):
         command.experiment("closing", figures=["x"])
     found = command.experiment("closing", changes={"particles": "100", "duration": "90 min"}, runs=2)
-    assert "naive, weighted position; naive, heading and speed; naive, combined" in text.facts(found)
+    assert "naive, weighted position; naive, heading and speed; naive, combined" in text.experiment_facts(found)
     assert text.alike(found)[0] == [0, 1, 2]
 
 
@@ -197,7 +197,7 @@ def test_differences_from_the_first_way_are_told(tmp_path: Path) -> None:
     )
     found = Experiment("x", "", 1, 4, "a particle", ("as it is", "more", "less"), figures)
     error = np.std(apart, ddof=1) / 2
-    told = text.facts(found)
+    told = text.experiment_facts(found)
     assert f"area 11.5 +- 1.3 nmi2 (+0.500 +- {error:.3f})" in told["more"]
     assert told["as it is"].startswith("area 11.0 +- 1.3 nmi2; time to criteria median never (never in 2 of 4 runs)")
     assert (
@@ -205,22 +205,22 @@ def test_differences_from_the_first_way_are_told(tmp_path: Path) -> None:
         in told["less"]
     )
     assert told["in brackets"] == "the difference from the first, run by run"
-    only = text.facts(replace(found, ways=("as it is",), figures=(Figure("area", "nmi2", runs[None]),)))
+    only = text.experiment_facts(replace(found, ways=("as it is",), figures=(Figure("area", "nmi2", runs[None]),)))
     assert only == {"as it is": "area 11.0 +- 1.3 nmi2"}
     runs = np.array([27.1, 28.3, 28.75])
     noise = Figure("lat", "", np.stack([runs, np.nextafter(runs, [30, 30, 0])]))
     assert text.difference(noise, 1) == "+0"  # of 3e-15 +- 2e-15
-    once = text.facts(
+    once = text.experiment_facts(
         replace(found, ways=("x",), figures=(Figure("time to criteria", "min", np.array([[1.0, 2, 3, np.inf]])),))
     )
     assert once == {"x": "time to criteria median 2.5 min (never in 1 of 4 runs)"}
-    numbers = text.numbers(found)["figures"][2]
+    numbers = text.summary_of_experiment(found)["figures"][2]
     assert (numbers["way"], numbers["difference"]) == ("more", 0.5)
     assert numbers["difference_standard_error"] == pytest.approx(error, rel=1e-5)
-    rows = list(csv.DictReader(text.table(found).splitlines()))
+    rows = list(csv.DictReader(text.experiment_table(found).splitlines()))
     assert [row["quantile_50"] for row in rows if row["figure"] == "time to criteria"] == ["inf", "inf", "inf"]
     assert [row["quantile_10"] for row in rows if row["figure"] == "time to criteria"][2] == "inf"
     assert text.runs(found).splitlines()[:2] == ["way,run,area_[nmi2],time_to_criteria_[min]", "as it is,1,10.0,1.0"]
     assert text.runs(found).splitlines()[3] == "as it is,3,12.0,inf"
-    map.draw(found, tmp_path / "x.png", Imprint("x", "casp-drift", {}))
+    map.plot_experiment(found, tmp_path / "x.png", Imprint("x", "casp-drift", {}))
     assert (tmp_path / "x.png").stat().st_size > 10_000

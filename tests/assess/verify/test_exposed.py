@@ -109,7 +109,9 @@ def test_the_fit_says_what_it_leaves_out_and_its_remedy_works(shore, tmp_path, m
         'position = { at = [-40, 40], error = "1 nmi" }\n'
     )
     case, tracks = drift.load(tmp_path / "case.toml"), simulated(8, 5)
-    monkeypatch.setattr(fitting, "of", lambda ways, wind, notes, held_out: (along.residuals(ways, wind), notes))
+    monkeypatch.setattr(
+        fitting, "fitted_errors", lambda ways, wind, notes, held_out: (along.residuals(ways, wind), notes)
+    )
     found = {}
     for source in (shore.source, "none"):
         varied = drift.vary(case, {"coast.source": source})

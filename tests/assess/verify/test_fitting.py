@@ -154,7 +154,7 @@ def sets():
 
 @pytest.fixture(scope="module")
 def fits(sets):
-    return [fitting.of(one, True) for one in sets]
+    return [fitting.fitted_errors(one, True) for one in sets]
 
 
 def test_parameters_are_recovered_within_what_their_errors_say(fits):
@@ -195,7 +195,7 @@ def test_correlation_beside_a_fit_is_that_of_the_fit(sets, fits):
 
 
 def test_ellipses_hold_out_what_they_say():
-    fit = fitting.of(ways(simulated(np.random.default_rng(31), 24, 3.2)), True, held_out=True)
+    fit = fitting.fitted_errors(ways(simulated(np.random.default_rng(31), 24, 3.2)), True, held_out=True)
     assert fit.held is not None
     assert {one.hours for one in fit.held.coverage} == {3.0, 6.0, 12.0, 24.0}
     for one in fit.held.coverage:
@@ -206,7 +206,7 @@ def test_ellipses_hold_out_what_they_say():
 
 def test_what_the_data_do_not_tell_is_said():
     still = Law(std=0.2, time=6 * 3600, bias=0.0, diffusivity=0.0, noise=100.0)
-    alone = fitting.of(ways(simulated(np.random.default_rng(8), 1, 1.4, still)), True)
+    alone = fitting.fitted_errors(ways(simulated(np.random.default_rng(8), 1, 1.4, still)), True)
     assert not alone.parameters["bias"].identified
     assert alone.law.bias == 0
     assert not alone.clustered
@@ -217,7 +217,9 @@ def test_what_the_data_do_not_tell_is_said():
     free = ["std", "time", "diffusivity", "noise"]
     _, there = fitting.likeliest(tracks, free, alone.law, {"diffusivity": walk.limit})
     assert alone.log - there.log == pytest.approx(stats.norm.ppf(0.95) ** 2 / 2, abs=0.2)
-    short = fitting.of(ways(simulated(np.random.default_rng(10), 4, 0.25, Law(0.2, 40 * 3600, 0.1, 4.0, 30.0))), True)
+    short = fitting.fitted_errors(
+        ways(simulated(np.random.default_rng(10), 4, 0.25, Law(0.2, 40 * 3600, 0.1, 4.0, 30.0))), True
+    )
     assert not short.parameters["time"].identified
 
 
@@ -330,7 +332,7 @@ def test_a_wind_that_is_always_the_same_tells_no_windage():
     same = [
         Track(t.name, t.time, t.lon, t.lat, {**t.columns, "a": 0 * t.time + 5.0, "b": 0 * t.time - 3.0}) for t in tracks
     ]
-    fit = fitting.of(ways(same), True)
+    fit = fitting.fitted_errors(ways(same), True)
     assert math.isnan(fit.windage)
     assert fitting.ONE_WIND in fit.notes
     assert np.isfinite(fit.mean_error).all()

@@ -158,7 +158,7 @@ def test_skill_and_separation_without_errors(tmp_path):
     ahead, right = difference @ (u, v), difference @ (v, -u)
     assert (made.along[:, -1] > 0.5).all() == (ahead > 0)
     assert (made.across[:, -1] > 0.5).all() == (right > 0)
-    told = verification_text.facts(made)
+    told = verification_text.verification_facts(made)
     assert ("left" in told["rank across the drift"]) == (right < 0)
     assert ("slower" in told["rank along the drift"]) == (ahead < 0)
 
@@ -258,7 +258,7 @@ GDP = """platform_code,platform_type,time,latitude,longitude,sst
 def test_a_table_is_understood_and_what_is_refused_is_counted(tmp_path):
     file = tmp_path / "gdp.csv"
     file.write_text(GDP)
-    raw = reading.read(file, ["sst"])
+    raw = reading.read_drifters(file, ["sst"])
     assert [(track.name, track.time.size) for track in raw] == [("62", 8), ("63", 1)]
     assert raw[0].columns["sst"].tolist() == [13.09] * 8
     found = drifter_records.believed(raw)
@@ -289,7 +289,7 @@ def test_a_table_is_understood_and_what_is_refused_is_counted(tmp_path):
 def test_forms_of_time(tmp_path, text, expected):
     file = tmp_path / "a.csv"
     file.write_text(f"id;time;lon;lat\na;{text};1.5;2.5\n")
-    (track,) = reading.read(file)
+    (track,) = reading.read_drifters(file)
     assert track.time.tolist() == [np.datetime64(expected, "s").astype(int)]
 
 
@@ -310,9 +310,9 @@ def test_what_is_no_table_of_drifters_is_one_line(tmp_path, text, words):
     file = tmp_path / "a.csv"
     file.write_text(text)
     with pytest.raises(UserError, match=words):
-        reading.read(file)
+        reading.read_drifters(file)
     with pytest.raises(UserError, match="cannot be read"):
-        reading.read(tmp_path / "none.csv")
+        reading.read_drifters(tmp_path / "none.csv")
 
 
 @pytest.mark.parametrize(
@@ -325,7 +325,7 @@ def test_what_is_no_table_of_drifters_is_one_line(tmp_path, text, words):
 def test_units_in_a_header_and_decimal_commas(tmp_path, text):
     file = tmp_path / "a.csv"
     file.write_text(text)
-    first, second = reading.read(file)
+    first, second = reading.read_drifters(file)
     assert (first.name, second.name) == ("b", "a")
     assert (first.lon.tolist(), first.lat.tolist()) == ([354.5, 355.0], [46.25, 47.0])
     assert (first.time - second.time[0]).tolist() == [-1800.0, 1800.0]
@@ -334,7 +334,7 @@ def test_units_in_a_header_and_decimal_commas(tmp_path, text):
 def test_a_drifter_of_which_no_fix_is_left_is_told(tmp_path):
     file = tmp_path / "a.csv"
     file.write_text("id,time,lon,lat\na,2021-03-03T18:00Z,1,2\na,2021-03-03T19:00Z,1,2.01\nb,2021-03-03T18:00Z,1,200\n")
-    found = drifter_records.believed(reading.read(file))
+    found = drifter_records.believed(reading.read_drifters(file))
     assert [track.name for track in found.tracks] == ["a"]
     assert found.notes[-1] == "1 track left out with fewer than two fixes: b"
 
@@ -353,7 +353,7 @@ def test_a_name_that_promises_netcdf(tmp_path):
     file = tmp_path / "a.nc"
     file.write_text("id,time,lon,lat\n")
     with pytest.raises(UserError, match="is no netCDF file"):
-        reading.read(file)
+        reading.read_drifters(file)
 
 
 def test_every_layout_of_trajectories_gives_the_same_tracks(tmp_path):
@@ -394,7 +394,7 @@ def test_every_layout_of_trajectories_gives_the_same_tracks(tmp_path):
     for name, variables in layouts.items():
         file = tmp_path / f"{name}.nc"
         xr.Dataset(variables).to_netcdf(file)
-        tracks = reading.read(file)
+        tracks = reading.read_drifters(file)
         assert [track.name for track in tracks] == ["a", "b"], name
         assert tracks[0].lon.tolist() == [1, 2, 3], name
         assert tracks[1].lat.tolist() == [50, 51], name
@@ -404,7 +404,7 @@ def test_every_layout_of_trajectories_gives_the_same_tracks(tmp_path):
 
 def test_the_buoy_that_stranded_on_hopen_is_aground_from_then_on(data):
     """UIB-2022-TILL-01 stranded on 2022-10-18 about 20:30 UTC, as its owners say; the other drifted on."""
-    found = drifter_records.believed(reading.read(data / "barents" / "barents.nc"))
+    found = drifter_records.believed(reading.read_drifters(data / "barents" / "barents.nc"))
     told = drifter_records.words_for_spells(found.tracks, found.aground)
     assert "UIB-2022-TILL-01 from 2022-10-18T20:" in told
     assert "TILL-02" not in told

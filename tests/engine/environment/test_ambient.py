@@ -50,16 +50,18 @@ def test_a_linear_field_comes_back_across_180():
     lon, lat = rng.uniform(172, 188, 50), rng.uniform(-21, -11, 50)
     moments = np.array([0, 1, 4.5, 9]) * np.timedelta64(3600, "s").astype(float)
     times = START + moments.astype("timedelta64[s]")
-    found = ambient.at(Sources({"current": (source("a", GRID),)}), "current", times, (lon + 180) % 360 - 180, lat)
+    found = ambient.ambient_at(
+        Sources({"current": (source("a", GRID),)}), "current", times, (lon + 180) % 360 - 180, lat
+    )
     for k, hours in enumerate(moments / 3600):
         np.testing.assert_allclose(found[k], exact(lon, lat, hours), atol=2e-6)  # float32 of values near 1
 
 
 def test_nothing_beyond_its_box_and_times():
     one = Sources({"current": (source("a", GRID),)})
-    outside = ambient.at(one, "current", TIMES[:1], np.array([171.0, 180.0]), np.array([-15.0, -10.0]))
+    outside = ambient.ambient_at(one, "current", TIMES[:1], np.array([171.0, 180.0]), np.array([-15.0, -10.0]))
     assert np.isnan(outside).all()
-    late = ambient.at(one, "current", TIMES[-1:] + np.timedelta64(1, "h"), np.array([180.0]), np.array([-15.0]))
+    late = ambient.ambient_at(one, "current", TIMES[-1:] + np.timedelta64(1, "h"), np.array([180.0]), np.array([-15.0]))
     assert np.isnan(late).all()
 
 
@@ -67,11 +69,13 @@ def test_the_first_with_a_value_counts_and_sums_need_all():
     west = source("fine", GRID, missing=lambda lon, lat: lon > 180)
     whole, more = source("coarse", GRID, scale=3.0), source("tide", GRID, missing=lambda lon, lat: lat > -13, scale=0.5)
     lon, lat = np.array([175.2, 186.3, 186.3]), np.array([-16.1, -16.1, -12.1])
-    two = ambient.at(Sources({"current": (west, whole)}), "current", TIMES[1:2], lon, lat)[0]
+    two = ambient.ambient_at(Sources({"current": (west, whole)}), "current", TIMES[1:2], lon, lat)[0]
     np.testing.assert_allclose(two[0], exact(lon[0], lat[0], 3), atol=2e-6)
     np.testing.assert_allclose(two[1:], exact(lon[1:], lat[1:], 3, 3.0), atol=2e-6)
     added = frozenset({("current", "tide")})
-    three = ambient.at(Sources({"current": (west, whole, more)}, added=added), "current", TIMES[1:2], lon, lat)[0]
+    three = ambient.ambient_at(Sources({"current": (west, whole, more)}, added=added), "current", TIMES[1:2], lon, lat)[
+        0
+    ]
     np.testing.assert_allclose(three[1], exact(lon[1], lat[1], 3, 3.0) + exact(lon[1], lat[1], 3, 0.5), atol=4e-6)
     assert np.isnan(three[2]).all()
 
@@ -106,5 +110,7 @@ def test_what_flows_is_read_once_for_maps_and_report():
 def test_of_an_ensemble_the_mean_of_its_members() -> None:
     every = [sources.constant("current", east, north) for east, north in ((0.4, 0.0), (0.1, -0.3), (-0.2, 0.9))]
     together = Sources({"current": (sources.ensemble([replace(one, label=str(k)) for k, one in enumerate(every)]),)})
-    told = ambient.at(together, "current", np.array(["2026-01-01"], "datetime64[s]"), np.array([3.0]), np.array([50.0]))
+    told = ambient.ambient_at(
+        together, "current", np.array(["2026-01-01"], "datetime64[s]"), np.array([3.0]), np.array([50.0])
+    )
     assert told[0, 0] == pytest.approx([0.1, 0.2])

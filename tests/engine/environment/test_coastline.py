@@ -20,7 +20,7 @@ def test_a_chart_beyond_the_domain_has_the_land_there(tmp_path) -> None:
     ]
     path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     asked, domain = Coast(str(path), "strand"), Box(178.6, -17.9, 180.3, -16.4)
-    coast = shoreline.build(shore.land(path, domain), domain)
+    coast = shoreline.build_coast(shore.land(path, domain), domain)
     land = coastline.lands(coast, asked)
     assert land(Box(178.9, -17.3, 179.9, -16.8)) is coast.polygons
     wide = land(Box(178.9, -18.4, 184.6, -16.8))

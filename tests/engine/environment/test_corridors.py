@@ -44,7 +44,7 @@ def coast(polygons: np.ndarray, about: tuple[float, float]) -> Coast:
     wide = 4.5 / np.cos(np.radians(abs(about[1]) + 4.5))
     west = (about[0] - wide + 180) % 360 - 180
     box = Box(west, about[1] - 4.5, west + 2 * wide, about[1] + 4.5)
-    return edges.build(Shore(shore.clip(polygons, box), "trial", box=box), box)
+    return edges.build_coast(Shore(shore.clip(polygons, box), "trial", box=box), box)
 
 
 def laid(rng: np.random.Generator, about: tuple[float, float]) -> Network:
@@ -285,8 +285,8 @@ def test_nothing_of_the_mediterranean_network_lies_on_land() -> None:
     Whether a point is land is asked of geo.coast.edges, by the parity of edges crossed (tests/geo/coast/test_coast.py).
     """
     box, rng = Box(-7.0, 29.0, 36.0, 46.0), np.random.default_rng(3)
-    chart = network_file.read(f"{cases.rpartition('/')[0]}/networks/mediterranean.toml")
-    found, land = chart.network, edges.build(shore.land("gshhg", box), box)
+    chart = network_file.read_network(f"{cases.rpartition('/')[0]}/networks/mediterranean.toml")
+    found, land = chart.network, edges.build_coast(shore.land("gshhg", box), box)
 
     def dry(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
         return edges.is_land(

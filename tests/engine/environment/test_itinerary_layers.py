@@ -75,7 +75,7 @@ def test_lanes_of_several_routes_are_one_network_with_each_lane_once() -> None:
     pairs = {
         tuple(sorted(pair)) for one in own for pair in itertools.pairwise(one.route.node)
     }  # one is followed both ways
-    whole = lanes.joined([one.network for one in own])
+    whole = lanes.join_networks([one.network for one in own])
     names = np.array(whole.name)
     found = list(zip(names[whole.start], names[whole.end], strict=True))
     assert len(found) == len(set(found)) == len(pairs)

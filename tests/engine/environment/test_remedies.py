@@ -54,7 +54,7 @@ def eastward(case: drift.Case) -> list[float]:
     """Return the current at the drifter's place through the run [m/s], hourly."""
     sources = run_setup.open_for(case).scenarios[0]
     times = case.start + np.arange(0, case.period.duration + 1, 3600).astype("timedelta64[s]")
-    flow = ambient.at(sources, "current", times, np.array([-30.0]), np.array([40.0]))
+    flow = ambient.ambient_at(sources, "current", times, np.array([-30.0]), np.array([40.0]))
     return [float(x) for x in flow[:, 0, 0]]
 
 

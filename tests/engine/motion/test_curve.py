@@ -39,7 +39,7 @@ def tide(hours: int) -> Source:
     time = 3600 * np.arange(hours + 1)
     speed = SPEED * np.sin(2 * np.pi * time / PERIOD)
     stamps = (T0 + time).astype("datetime64[s]")
-    return sources.table("current", stamps, speed * np.sin(np.radians(30)), speed * np.cos(np.radians(30)))
+    return sources.uniform_field("current", stamps, speed * np.sin(np.radians(30)), speed * np.cos(np.radians(30)))
 
 
 def way(time: np.ndarray) -> np.ndarray:
@@ -95,7 +95,9 @@ def test_the_end_of_a_run_inside_a_step_is_right() -> None:
 def reversal(hours: int) -> Source:
     """A current of 2 m/s toward the north that turns to the south within each hour, and back within the next."""
     turning = 2.0 * (-1.0) ** np.arange(hours + 1)
-    return sources.table("current", (T0 + 3600 * np.arange(hours + 1)).astype("datetime64[s]"), 0 * turning, turning)
+    return sources.uniform_field(
+        "current", (T0 + 3600 * np.arange(hours + 1)).astype("datetime64[s]"), 0 * turning, turning
+    )
 
 
 def wall(north: float) -> device_coast.DeviceCoast:
@@ -103,7 +105,7 @@ def wall(north: float) -> device_coast.DeviceCoast:
     south = 40 + np.degrees(north / sphere.RADIUS)
     box = Box(-31.5, 38.5, -28.5, 41.5)
     shore = Shore(np.array([shapely.box(-31.4, south, -28.6, 41.4)], object), "wall", (), box)
-    return device_coast.upload(shoreline.build(shore, Box(-31.2, 38.8, -28.8, 41.2)))
+    return device_coast.upload(shoreline.build_coast(shore, Box(-31.2, 38.8, -28.8, 41.2)))
 
 
 def north_of_40(moment: simulate.Moment) -> np.ndarray:
@@ -151,7 +153,7 @@ def test_what_refloats_waits_for_the_drift_to_turn_off_the_beach_within_a_step()
     """Onto the beach until 01:24, off it by 0.6 m/s at 02:00: who is afloat then, and how far off, at steps of an hour."""
     n, half, offing, turns = 4000, 5400.0, 100.0, 5040  # [s], [m], [s]
     hours, north = np.arange(3), np.array([1.0, 0.4, -0.6])
-    source = sources.table("current", (T0 + 3600 * hours).astype("datetime64[s]"), 0 * north, north)
+    source = sources.uniform_field("current", (T0 + 3600 * hours).astype("datetime64[s]"), 0 * north, north)
     ensemble = particles(n, -30.0, 40.0)
     place, beach = scene(source), kernel.Beach(half / np.log(2), offing)
     place = Scene(place.forcing, place.motions, place.place._replace(coast=wall(100.0), beach=beach))
@@ -230,7 +232,7 @@ def whirl() -> Source:
 def test_a_table_that_turns_between_steps_is_followed_exactly() -> None:
     """Rows a minute apart at +30 h, and a step of an hour: steps are cut at rows. On their chord it was 900 m off."""
     seconds, north = np.array([0, 108_000, 108_060, 172_800]), np.array([0.3, 0.3, -0.2, -0.2])
-    source = sources.table("current", (T0 + seconds).astype("datetime64[s]"), 0 * north, north)
+    source = sources.uniform_field("current", (T0 + seconds).astype("datetime64[s]"), 0 * north, north)
     times = [T0 + seconds]
     for direction, start in ((1, T0), (-1, T0 + 172_800)):
         clock = Clock(start, 172_800, direction, 3600, T0 % 3600, breaks(times, 3600, T0))

@@ -15,7 +15,7 @@ from drift.case.forcing import uncertainty
 from drift.engine.motion import simulate
 from drift.engine.motion.forcing_error import ForcingError
 from drift.pipeline import run_metadata
-from drift.pipeline.run_options import opened
+from drift.pipeline.run_options import open_job
 from drift.planning.search import follow
 from drift.products.files import drawing
 from drift.products.maps import page
@@ -340,7 +340,7 @@ def test_the_default_errors_reach_what_drifts(tmp_path, monkeypatch, job) -> Non
     monkeypatch.setattr(simulate, "run", watched)
     case = load(tmp_path, JOBS[job])
     if job == "plan":
-        follow.follow(case, opened(case).where)
+        follow.follow(case, open_job(case).where)
     else:
         {"run": drift.run, "spill": drift.run, "origin": drift.trace}[job](case)
     time, lat, world = seen[-1]

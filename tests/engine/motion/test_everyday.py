@@ -13,7 +13,7 @@ def found(words: str) -> set[str]:
     return {drifter.name for drifter in leeway.search(words)}
 
 
-@pytest.mark.parametrize("words", everyday.words())
+@pytest.mark.parametrize("words", everyday.everyday_words())
 def test_every_word_finds_the_classes_that_it_stands_for(words: str) -> None:
     meaning = everyday.meaning(words, NAMES)
     assert meaning is not None
@@ -76,7 +76,7 @@ def test_words_are_combined_with_those_of_descriptions() -> None:
 
 def test_what_was_found_before_is_found_still() -> None:
     """An everyday word adds classes: none is lost whose name or description holds it."""
-    for word in everyday.words():
+    for word in everyday.everyday_words():
         held = {name for name, drifter in leeway.classes().items() if word in f"{name} {drifter.description}".lower()}
         assert held <= found(word)
 

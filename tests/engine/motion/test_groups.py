@@ -79,7 +79,7 @@ def world(which: list[int], shore: Coast) -> Scene:
 def shore() -> Coast:
     """An island of four corners."""
     island = shapely.Polygon([(-0.44, 0.1), (-0.25, 0.12), (-0.27, 0.31), (-0.42, 0.37)])
-    return shoreline.build(
+    return shoreline.build_coast(
         Shore(np.array([island], object), "test", (), Box(-1.5, -1.5, 1.5, 1.5)), Box(-1.2, -1, 1, 1)
     )
 
@@ -128,7 +128,7 @@ def test_many_scenarios_move_in_one_launch_a_forcing(shore: Coast, monkeypatch: 
 def test_a_batch_holds_the_slots_of_its_scenarios(scenarios: tuple[int, ...], slots: list[int]) -> None:
     """A range where that is possible: a scenario without slots, the second, is no gap."""
     runtime.start()
-    own = batch.of((0, 3, 3, 7, 12), (20, 30, 40, 50), scenarios)
+    own = batch.batch_of((0, 3, 3, 7, 12), (20, 30, 40, 50), scenarios)
     places = range(own.first, own.last)
     found = own.slots.to_numpy()[list(places)] if own.listed else np.array(places, int)
     assert found.tolist() == list(slots)

@@ -64,7 +64,7 @@ def test_steps_of_an_hour_close_to_the_pole(lat: float, east: float, north: floa
 def test_every_output_before_and_after_the_end_of_the_forcing(direction: int) -> None:
     """Uniform flow: position is speed times time from release to the end of the last step that has forcing."""
     times = (T0 + np.array([-20_000, 20_000])).astype("datetime64[s]")
-    source = sources.table("current", times, [1.0, 1.0], [0.0, 0.0])
+    source = sources.uniform_field("current", times, [1.0, 1.0], [0.0, 0.0])
     release = np.array([0, 100, 3000, 5000])
     ensemble = ensemble_at(0.0, 0.0, release.tolist())
     outputs = np.arange(0, 25_001, 250)
@@ -96,7 +96,7 @@ def test_a_slice_that_cannot_be_read_stops_the_run_and_only_where_it_is_needed()
 def test_nobody_inland_where_land_lies_across_the_antimeridian() -> None:
     land = [shapely.box(178, -5, 180, 5), shapely.box(-180, -5, -178, 5)]
     box = Box(-180, -80, 180, 88)
-    coast = shoreline.build(Shore(np.array(land), "test", (), box), box)
+    coast = shoreline.build_coast(Shore(np.array(land), "test", (), box), box)
     rng = np.random.default_rng(0)
     lon, lat = sphere.to_binary(180 + rng.uniform(-5, 5, 5000)), sphere.to_binary(rng.uniform(-8, 8, 5000))
     wet = ~shoreline.is_land(coast, lon, lat)

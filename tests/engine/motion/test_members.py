@@ -116,7 +116,7 @@ def moved(case: drift.Case) -> tuple[Array, Array, Array]:
             pass
     north = (begin.ensemble.lat.to_numpy() - lat).astype(float) * sphere.UNIT * sphere.RADIUS
     east = (begin.ensemble.lon.to_numpy() - lon).astype(float) * sphere.UNIT * sphere.RADIUS
-    member = members.of(begin.ensemble)
+    member = members.member_of_particles(begin.ensemble)
     assert member is not None
     return np.stack([east, north]), lat * sphere.UNIT, member
 
@@ -220,13 +220,13 @@ def test_resampling_copies_the_member(tmp_path: Path) -> None:
     where = run_setup.open_for(case)
     begin = run_setup.prepare(case, where)
     first = begin.ensemble.lat.to_numpy().astype(np.int64)
-    born = members.of(begin.ensemble)
+    born = members.member_of_particles(begin.ensemble)
     with closing(begin.scene.forcing):
         search = run_setup.search(case, begin)
         assert search is not None
         for _ in simulate.run(begin.ensemble, begin.scene, begin.clock, np.array([T]), search=search):
             pass
-    member = members.of(begin.ensemble)
+    member = members.member_of_particles(begin.ensemble)
     assert born is not None
     assert member is not None
     assert np.bincount(member, minlength=MEMBERS).std() > 10  # some have many more than others now

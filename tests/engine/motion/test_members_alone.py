@@ -17,7 +17,7 @@ from drift.case import file as case_file
 from drift.engine.motion import simulate
 from drift.engine.particles import members
 from drift.engine.particles.ensemble import Ensemble
-from drift.evidence.filter.filter import Search
+from drift.evidence.filter.filter import SearchFilter
 from drift.pipeline import run_setup
 from drift.tracking.tracks.records import Track
 from geo.array import Array
@@ -75,7 +75,7 @@ sweep_width = "3 nmi"
 """
 
 
-def moved(folder: Path, current: str, wind: str, more: str = "") -> tuple[Ensemble, Search | None]:
+def moved(folder: Path, current: str, wind: str, more: str = "") -> tuple[Ensemble, SearchFilter | None]:
     """Return the ensemble at the end, and the filter."""
     ring = [[5.6, 59.0], [6.4, 59.0], [6.4, 61.0], [5.6, 61.0], [5.6, 59.0]]
     land = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
@@ -105,7 +105,7 @@ def states(ensemble: Ensemble) -> dict[str, Array]:
 def test_drifting_and_steering_are_those_of_the_member_alone(tmp_path: Path, one_wind: bool) -> None:
     wind = f"constant = {AIR[0]}" if one_wind else typed(AIR)
     together, _ = moved(tmp_path, typed(FLOW), wind)
-    member = members.of(together)
+    member = members.member_of_particles(together)
     assert member is not None
     assert np.bincount(member).tolist() == [200] * 3
     for k, (flow, air) in enumerate(zip(FLOW, AIR, strict=True)):
@@ -121,9 +121,9 @@ def test_debris_drifts_in_the_member_of_its_object(tmp_path: Path) -> None:
     together, search = moved(tmp_path, typed(FLOW), typed(AIR), CONTACT)
     assert search is not None
     (beside,) = search._debris.values()
-    member = members.of(beside.ensemble)
+    member = members.member_of_particles(beside.ensemble)
     assert member is not None
-    np.testing.assert_array_equal(member, members.of(together))
+    np.testing.assert_array_equal(member, members.member_of_particles(together))
     for k, (flow, air) in enumerate(zip(FLOW, AIR, strict=True)):
         _, other = moved(tmp_path, f"constant = {flow}", f"constant = {air}", CONTACT)
         assert other is not None
@@ -139,7 +139,7 @@ def test_a_pattern_drifts_with_the_water_of_each_member(tmp_path: Path) -> None:
     Weights differ by the same prior for all of a scenario: single precision of their logarithms, about 10, twice.
     """
     together, _ = moved(tmp_path, typed(FLOW), typed(AIR), SORTIE)
-    member, weight = members.of(together), together.log_weight.to_numpy()
+    member, weight = members.member_of_particles(together), together.log_weight.to_numpy()
     assert member is not None
     seen = np.zeros(3)
     for k, (flow, air) in enumerate(zip(FLOW, AIR, strict=True)):

@@ -45,7 +45,7 @@ def position(lon: float, lat: float, major=5000.0, minor=2000.0, orientation=0.6
 
 
 def columns(spec: EnsembleSpec, coast=None) -> tuple[record.Ensemble, np.ndarray, np.ndarray]:
-    ensemble = prior.draw(spec, coast).ensemble
+    ensemble = prior.draw_ensemble(spec, coast).ensemble
     return ensemble, ensemble.lon.to_numpy() * sphere.UNIT, ensemble.lat.to_numpy() * sphere.UNIT
 
 
@@ -156,9 +156,9 @@ def test_a_prior_partly_on_land_is_conditioned_on_water() -> None:
     """Land east of 88 W: half of a prior centred on the shore is dry, and what is left is the other half, unchanged."""
     land = shapely.Polygon([(-88, 20), (-80, 20), (-80, 35), (-88, 35)])
     box = Box(-90, 26, -86, 29)
-    grid = shoreline.build(Shore(np.array([land]), "square"), box)
+    grid = shoreline.build_coast(Shore(np.array([land]), "square"), box)
     spec = told(scenario(position(-88.0000001, 27.5, 4000.0, 4000.0, 0.0)))
-    drawn = prior.draw(spec, device_coast.upload(grid))
+    drawn = prior.draw_ensemble(spec, device_coast.upload(grid))
     lon, lat = (c.to_numpy() * sphere.UNIT for c in (drawn.ensemble.lon, drawn.ensemble.lat))
     assert (np.degrees(lon) < -88).all()
     assert prior.dry(spec, drawn.tried, None)[0] == pytest.approx(0.5, abs=4.5 * 0.5 / np.sqrt(2 * N))

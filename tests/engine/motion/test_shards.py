@@ -56,10 +56,10 @@ def here(whole: Ensemble, part: list[tuple[int, int]], name: str) -> np.ndarray:
 def test_a_shard_draws_its_slice_of_the_whole(begun: tuple[run_setup.Start, EnsembleSpec]) -> None:
     begin, spec = begun
     coast = begin.scene.place.coast
-    drawn = prior.draw(spec, coast)
+    drawn = prior.draw_ensemble(spec, coast)
     tried = np.zeros_like(drawn.tried)
     for part in shares(drawn.ensemble):
-        own = prior.draw(spec, coast, layout_of(part))
+        own = prior.draw_ensemble(spec, coast, layout_of(part))
         assert own.ensemble.n > 0
         for name in set(own.ensemble.columns) - {"world"}:
             assert np.array_equal(own.ensemble.columns[name].to_numpy(), here(drawn.ensemble, part, name)), name

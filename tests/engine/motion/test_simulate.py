@@ -86,7 +86,7 @@ def test_more_outputs_and_another_start_of_the_lattice_change_no_bit() -> None:
 def test_a_current_that_changes_in_time_is_integrated_exactly_also_off_the_lattice() -> None:
     """Piecewise linear in time: the way is the area under the trapezia, also where nodes fall inside steps."""
     seconds, speed = [0, 5000, 9000, 20_000], np.array([0.2, 1.0, -0.4, 0.8])
-    source = sources.table("current", stamps(seconds), speed, -speed)
+    source = sources.uniform_field("current", stamps(seconds), speed, -speed)
     fine = np.arange(0, 18_001)
     area = np.trapezoid(np.interp(fine, seconds, speed), fine) if hasattr(np, "trapezoid") else None
     area = area if area is not None else np.trapz(np.interp(fine, seconds, speed), fine)  # noqa: NPY201 - NumPy 1
@@ -102,7 +102,7 @@ def test_a_current_that_changes_in_time_is_integrated_exactly_also_off_the_latti
 
 
 def test_particles_end_loudly_where_and_when_forcing_ends() -> None:
-    source = sources.table("current", stamps([-3600, 7200]), [0.5, 0.5], [0.0, 0.0])
+    source = sources.uniform_field("current", stamps([-3600, 7200]), [0.5, 0.5], [0.0, 0.0])
     ensemble = ensemble_at(0.0, 50.0, [0, 5000])
     first, second = simulate.run(ensemble, world(source), Clock(T0, 14_400, 1, 600), np.array([7200, 14_400]))
     assert (first.status == Status.ADRIFT).all()
@@ -112,7 +112,7 @@ def test_particles_end_loudly_where_and_when_forcing_ends() -> None:
 
 
 def test_a_hole_in_the_times_is_missing_and_the_next_source_fills_it() -> None:
-    hole = sources.table("current", stamps([0, 600, 1200, 9000, 9600]), [1.0] * 5, [0.0] * 5)
+    hole = sources.uniform_field("current", stamps([0, 600, 1200, 9000, 9600]), [1.0] * 5, [0.0] * 5)
     backup = sources.constant("current", 0.0, 2.0, name="backup")
     ensemble = ensemble_at(0.0, 0.0, [0])
     (end,) = simulate.run(ensemble, world(hole, backup), Clock(T0, 9600, 1, 600), np.array([9600]))

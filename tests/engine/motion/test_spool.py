@@ -9,7 +9,7 @@ from drift.engine.motion import spool
 from drift.engine.motion.drift import COLUMNS
 from drift.engine.motion.period import Period
 from drift.engine.motion.simulate import Moment
-from drift.engine.motion.spool import Spool
+from drift.engine.motion.spool import SnapshotStore
 from drift.engine.particles import ensemble as record
 from drift.engine.particles.ensemble import Ensemble
 
@@ -35,18 +35,20 @@ def moments(ensemble: Ensemble, weighted: bool) -> list[Moment]:
 @pytest.fixture(params=[True, False], ids=["weighted", "unweighted"])
 def spooled(
     request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[tuple[Spool, list[Moment], Ensemble]]:
+) -> Iterator[tuple[SnapshotStore, list[Moment], Ensemble]]:
     """Return a spool in parts of two blocks, what was put in, and the ensemble."""
     monkeypatch.setattr(spool, "PART", 8192)
     ensemble = record.empty(1, BOUNDS, COLUMNS)
     ensemble.log_weight.from_numpy(np.random.default_rng(8).normal(-500, 2, N).astype(np.float32))
     ensemble.world.from_numpy((np.arange(N) // 7).astype(np.int32))
     taken = moments(ensemble, request.param)
-    with Spool.of_run(Period(BEGIN, BEGIN + np.timedelta64(4, "s"), 1), ensemble, taken, OUTPUTS, worlds=True) as made:
+    with SnapshotStore.of_run(
+        Period(BEGIN, BEGIN + np.timedelta64(4, "s"), 1), ensemble, taken, OUTPUTS, worlds=True
+    ) as made:
         yield made, taken, ensemble
 
 
-def test_what_was_put_in_comes_back_whole_and_in_parts(spooled: tuple[Spool, list[Moment], Ensemble]) -> None:
+def test_what_was_put_in_comes_back_whole_and_in_parts(spooled: tuple[SnapshotStore, list[Moment], Ensemble]) -> None:
     made, taken, ensemble = spooled
     family = np.arange(N)
     for k, moment in enumerate(taken):
@@ -71,7 +73,7 @@ def test_what_was_put_in_comes_back_whole_and_in_parts(spooled: tuple[Spool, lis
         assert np.array_equal(np.concatenate([part.blocks.places for part in parts]), np.arange(N))
 
 
-def test_a_track_is_that_of_ancestors_before(spooled: tuple[Spool, list[Moment], Ensemble]) -> None:
+def test_a_track_is_that_of_ancestors_before(spooled: tuple[SnapshotStore, list[Moment], Ensemble]) -> None:
     made, taken, _ = spooled
     slots = np.array([0, 17, 8999, 9000, 20_111, 29_999])
     way = made.follow(slots)
@@ -83,7 +85,7 @@ def test_a_track_is_that_of_ancestors_before(spooled: tuple[Spool, list[Moment],
 
 
 def test_new_weights_are_those_of_times_that_have_none_of_their_own(
-    spooled: tuple[Spool, list[Moment], Ensemble],
+    spooled: tuple[SnapshotStore, list[Moment], Ensemble],
 ) -> None:
     made, taken, _ = spooled
     before = made[2].probability

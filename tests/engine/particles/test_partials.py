@@ -16,7 +16,7 @@ SIZES = (3 * BLOCK + 17, 2, 2 * BLOCK, 5 * 96 + 40)  # of four scenarios, the la
 BLOCK_OF = (BLOCK, BLOCK, BLOCK, 96)
 BOUNDS = tuple(int(n) for n in np.cumsum([0, *SIZES]))
 N = BOUNDS[-1]
-WHOLE = partials.cut(BOUNDS, BOUNDS[:-1], BLOCK_OF)
+WHOLE = partials.cut_blocks(BOUNDS, BOUNDS[:-1], BLOCK_OF)
 
 
 def shards(seed: int, many: int) -> list[tuple[Blocks, np.ndarray]]:
@@ -32,7 +32,7 @@ def shards(seed: int, many: int) -> list[tuple[Blocks, np.ndarray]]:
         part = [(cut[k], cut[k + 1]) for cut in cuts]
         bounds = np.cumsum([0, *(b - a for a, b in part)]).tolist()
         slots = np.concatenate([np.arange(a, b) for a, b in part])
-        result.append((partials.cut(bounds, [a for a, _ in part], BLOCK_OF), slots))
+        result.append((partials.cut_blocks(bounds, [a for a, _ in part], BLOCK_OF), slots))
     return [result[i] for i in random.permutation(many)]
 
 
@@ -122,7 +122,7 @@ def test_no_weight_at_all_has_no_sum() -> None:
 
 
 def test_an_empty_scenario_counts_as_nothing() -> None:
-    blocks = partials.cut((0, 3, 3, 5), (0, 3, 3), (BLOCK,) * 3)
+    blocks = partials.cut_blocks((0, 3, 3, 5), (0, 3, 3), (BLOCK,) * 3)
     assert blocks.partial(np.arange(5.0)).by_scenario[:, 0, 0].tolist() == [3, 0, 7]
     sums = weights.weighed(np.log(np.arange(1.0, 6.0)).astype(np.float32), blocks)
     assert np.exp(sums.log_sums) == pytest.approx([6, 0, 9])

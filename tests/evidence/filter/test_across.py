@@ -10,10 +10,10 @@ from scipy import special, stats
 import drift
 from drift.case import file as case_file
 from drift.engine.motion import simulate
-from drift.engine.motion.spool import Spool
+from drift.engine.motion.spool import SnapshotStore
 from drift.engine.particles import ensemble as record
 from drift.engine.particles import resample, weights
-from drift.evidence.filter.filter import Search
+from drift.evidence.filter.filter import SearchFilter
 from drift.evidence.filter.records import Contact, Fix, Law, Resampling, Sortie
 from drift.pipeline import run_setup
 from geo import sphere
@@ -141,11 +141,11 @@ def test_a_mixture_of_kalman_filters(tmp_path: Path, across: bool) -> None:
     spec, where = run_setup.ensemble_spec(asked), run_setup.open_for(asked)
     begin = run_setup.prepare(asked, where)
     rule = Resampling("systematic", 0.6, across)
-    search = Search(spec, (flown,), [seen(*fix) for fix in fixes], rule, begin.ensemble, begin.scene)
+    search = SearchFilter(spec, (flown,), [seen(*fix) for fix in fixes], rule, begin.ensemble, begin.scene)
     outputs = np.array([0, 4320, 9000, 21_600])
     moments = simulate.run(begin.ensemble, begin.scene, begin.clock, outputs, search=search)
     before = begin.ensemble.bounds
-    with Spool.of_run(asked.period, begin.ensemble, moments, len(outputs)) as snapshots:
+    with SnapshotStore.of_run(asked.period, begin.ensemble, moments, len(outputs)) as snapshots:
         begin.scene.forcing.close()
         ensemble = begin.ensemble
         resampled = next(update for update in search.updates.all if update.resampled)
@@ -211,7 +211,7 @@ def test_debris_beside_is_laid_as_its_objects_are(tmp_path: Path) -> None:
     water = asked.scenarios[0].object
     contacts = [seen(0.9, 179.97, 30.01, 2500.0), seen(4.0, -179.99, 30.0, 9000.0, drifter=water)]
     rule = Resampling("systematic", 0.7, True)
-    search = Search(run_setup.ensemble_spec(asked), (), contacts, rule, begin.ensemble, begin.scene)
+    search = SearchFilter(run_setup.ensemble_spec(asked), (), contacts, rule, begin.ensemble, begin.scene)
     list(simulate.run(begin.ensemble, begin.scene, begin.clock, np.array([21_600]), search=search))
     begin.scene.forcing.close()
     (beside,) = search._debris.values()

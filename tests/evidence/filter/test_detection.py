@@ -26,18 +26,18 @@ OF_EACH_KIND = {
 def test_a_law_is_written_as_a_case_file_reads_it(kind: str) -> None:
     """And is what its functions say: a lateral range curve has the integral 1, a POD is that of its coverage."""
     law = OF_EACH_KIND[kind]
-    text = tomllib.loads(f"law = {laws.of(law).written(law)}")
+    text = tomllib.loads(f"law = {laws.formulas_of(law).written(law)}")
     assert SensorTable.model_validate(text).law == law
     for chance in (0.0, 0.11, 0.3):
         assert float(laws.pod(law, laws.coverage_of(law, chance))) == pytest.approx(chance, abs=1e-11)
-    if laws.of(law).detects == "abeam":
-        ranges, chances = laws.table(law)
+    if laws.formulas_of(law).detects == "abeam":
+        ranges, chances = laws.range_curve(law)
         assert 2 * np.trapezoid(chances, ranges) == pytest.approx(1, rel=1e-12)
     else:
         with pytest.raises(ValueError, match="no lateral range curve"):
-            laws.table(law)
+            laws.range_curve(law)
     h = np.linspace(0.01, 6, 50)
-    assert (np.diff(laws.of(law).cap(law, h)) >= 0).all()
+    assert (np.diff(laws.formulas_of(law).cap(law, h)) >= 0).all()
 
 
 def test_a_law_is_added_by_one_entry(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,7 +51,7 @@ def test_a_law_is_added_by_one_entry(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(laws.LAWS, "triangle", triangle)
     law = SensorTable.model_validate({"law": "triangle"}).law
     assert law == Law("triangle")
-    assert laws.of(law).written(law) == '"triangle"'
+    assert laws.formulas_of(law).written(law) == '"triangle"'
     with pytest.raises(
         ValidationError, match=re.escape('did you mean "triangle"? Allowed: "random", "inverse_cube", ')
     ):

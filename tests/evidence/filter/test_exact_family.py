@@ -82,10 +82,10 @@ def test_marginals_by_axis(run: Result, axis: str, count: int) -> None:
 
 def test_ranks_and_how_many_count(run: Result) -> None:
     """Entropy and ranks of the exact posterior: cumulative probabilities by rank, and exp of the entropy within 2 %."""
-    ranked = ranking.of(run.posteriors)
+    ranked = ranking.ranking_of(run.posteriors)
     assert ranked is not None
     exact = families.posterior(families.exact(3)[0])
-    told = ranking.numbers(ranked)["effective"]
+    told = ranking.summary_of_ranking(ranked)["effective"]
     entropy = -np.sum(exact[exact > 0] * np.log(exact[exact > 0]))
     assert told["posterior"] == pytest.approx(np.exp(entropy), rel=0.02)
     assert told["prior"] == pytest.approx(np.exp(-np.sum(families.PRIOR * np.log(families.PRIOR))), rel=1e-6)

@@ -19,7 +19,7 @@ from drift.engine.particles import resample
 from drift.engine.particles.status import Status
 from drift.evidence.filter.debris import debris
 from drift.evidence.filter.detection import sensor_path
-from drift.evidence.filter.filter import Search
+from drift.evidence.filter.filter import SearchFilter
 from drift.evidence.filter.meeting import Drawn
 from drift.evidence.filter.records import (
     Barrier,
@@ -88,7 +88,7 @@ def load(tmp_path, text, **changes):
 def filter_of(case, begin):
     """Return a case's filter, also of a case in which nothing was searched or seen."""
     spec = run_setup.ensemble_spec(case)
-    return Search(spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors)
+    return SearchFilter(spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors)
 
 
 def run(case, outputs=()):

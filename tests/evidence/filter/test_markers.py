@@ -25,7 +25,7 @@ def test_a_marker_goes_by_the_integral_of_a_current_that_turns(step: int) -> Non
     runtime.start()
     east, north = np.array([0.5, -0.2, 0.9, 0.1, -0.7]), np.array([-0.3, 0.8, 0.25, -0.6, 0.4])
     hours = T0 + np.arange(5) * np.timedelta64(HOUR, "s")
-    source = sources.table("current", hours, east, north)
+    source = sources.uniform_field("current", hours, east, north)
     begin, end = 0.4 * HOUR, 4.0 * HOUR
     marker, field = Marker(179.99, 61.3, begin, 0), Forcing([Sources({"current": (source,)})], 1)
     start = int((T0 - np.datetime64(0, "s")) / np.timedelta64(1, "s"))

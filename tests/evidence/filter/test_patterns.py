@@ -169,12 +169,12 @@ def test_a_trackline_goes_round_sharp_corners() -> None:
 @given(share=st.floats(0.01, 0.999), place=st.sampled_from(PLACES))
 def test_a_cut_keeps_its_share_of_the_track_s_length(share: float, place: tuple[float, float]) -> None:
     whole = patterns.parallel(place, 15 * NMI, 5 * NMI, 1.0, NMI, START, SPEED).legs
-    part = polyline.cut(whole, share)
+    part = polyline.cut_legs(whole, share)
     assert polyline.lengths(part).sum() == pytest.approx(share * polyline.lengths(whole).sum(), rel=1e-6)
     assert part.lon[:-1] == whole.lon[: len(part.lon) - 1]
     assert part.time[-1] - START == pytest.approx(share * (whole.time[-1] - START), rel=1e-6)
     assert len(part.searching) == len(part.lon) - 1
-    assert polyline.cut(whole, 1.0) is whole
+    assert polyline.cut_legs(whole, 1.0) is whole
 
 
 def test_what_lies_between_two_times() -> None:
@@ -196,12 +196,12 @@ def test_a_thinned_track_is_never_far_from_where_it_was() -> None:
     generator = np.random.default_rng(3)
     swept = patterns.parallel(PLACES[1], 10 * NMI, 4 * NMI, 0.3, NMI, START, SPEED).legs
     times = np.linspace(swept.time[0], swept.time[-1], 4000)
-    lon, lat = np.array([polyline.place(swept, time) for time in times]).T
+    lon, lat = np.array([polyline.position_at(swept, time) for time in times]).T
     noisy = polyline.through(times, lon + generator.normal(0, 5e-5, 4000), lat + generator.normal(0, 5e-5, 4000))
     thin = polyline.thinned(noisy, 25.0)
     assert 8 <= len(thin.lon) < 60
     away = [
-        GLOBE.inv(*polyline.place(thin, time), x, y)[2]
+        GLOBE.inv(*polyline.position_at(thin, time), x, y)[2]
         for time, x, y in zip(times, noisy.lon, noisy.lat, strict=True)
     ]  # fmt: skip
     assert max(away) < 25.1

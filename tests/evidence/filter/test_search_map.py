@@ -60,7 +60,7 @@ def test_each_sortie_before_amid_and_after(tmp_path, search, words):
     drawn = []
     way = Overlay(lambda ax, frame: drawn.append(frame), {}, [(Line2D([], []), "Way: by the usual one")])
     setting = Setting(CAUTIONED, overlays=[lambda now: way])
-    search_map.draw(forecast, sorties, contacts, updates, tmp_path / "search.png", setting, page=1)
+    search_map.plot_searches(forecast, sorties, contacts, updates, tmp_path / "search.png", setting, page=1)
     assert len(drawn) == 12  # four sorties, before, amid and after
     assert words.count("Way: by the usual one") == 1
     for stage in ("before", "mid-search", "after"):
@@ -72,7 +72,7 @@ def test_each_sortie_before_amid_and_after(tmp_path, search, words):
     assert any(text.endswith("POC {} × POD {} = POS {}".format(*figures)) for text in words)
     assert f"POS {figures[2]}, cumulative {figures[2]}" in words
     assert WRONG in words
-    plan_map.draw(forecast, searches.plan(), tmp_path / "plan.png", setting)
+    plan_map.plot_plan(forecast, searches.plan(), tmp_path / "plan.png", setting)
     forecast_map.draw_map(forecast, tmp_path / "map.png", setting)
     assert len(drawn) == 14
     assert words.count("Way: by the usual one") == 3
@@ -84,7 +84,7 @@ def test_pages_hold_four_sorties_and_off_times_are_told(tmp_path, search, words)
     assert search_map.pages(many) == 2
     assert search_map.pages(many[:4]) == 1
     assert search_map.pages([]) == 0
-    search_map.draw(forecast, many, (), updates, tmp_path / "search-2.png", SETTING, page=2)
+    search_map.plot_searches(forecast, many, (), updates, tmp_path / "search-2.png", SETTING, page=2)
     assert "Towed array" in words  # it has no update, and so no number
     assert "Page 2 of 2   ·   5 sorties that found nothing, in order of start" in words
     assert "before 221230Z (+180 min)" in words  # no output is nearer to its start at 0930Z
@@ -100,13 +100,13 @@ def test_pictures_anywhere(tmp_path, lon, lat):
     }
     everything = [sorties[3], searches.watch(lon, lat)]
     setting = Setting(**common)
-    search_map.draw(
+    search_map.plot_searches(
         forecast, everything, searches.contacts(lon, lat), updates, tmp_path / "search.png", setting, page=1
     )
     reminder = partial(search_layers.reminder, everything, ())
     forecast_map.draw_map(forecast, tmp_path / "map.png", setting, overlays=[reminder])
     counted = replace(setting, particles=1000)
-    plan_map.draw(forecast, searches.plan(lon, lat, rounds=2), tmp_path / "plan.png", counted)
+    plan_map.plot_plan(forecast, searches.plan(lon, lat, rounds=2), tmp_path / "plan.png", counted)
     for name in ("search", "map", "plan"):
         with Image.open(tmp_path / f"{name}.png") as image:
             assert min(image.size) > 700
@@ -130,7 +130,7 @@ def test_no_searches_change_no_pixel(tmp_path, search):
 
 def test_the_evidence_says_what_moved_which_story(tmp_path, search, words):
     updates = search[3]
-    evidence_map.draw(updates, tmp_path / "evidence.png", Setting(CAUTIONED))
+    evidence_map.plot_evidence(updates, tmp_path / "evidence.png", Setting(CAUTIONED))
     assert "before the first update" in words
     assert any(text.startswith("4 sorties that found nothing") for text in words)
     assert 'speaks for "swamped while fishing"' in words
@@ -143,7 +143,7 @@ def test_the_evidence_says_what_moved_which_story(tmp_path, search, words):
 
 def one(log_evidence, before):
     update = Update("u", "sortie", searches.BEGIN, np.array([*log_evidence, 0.0]), np.zeros(2), 1.0, 1.0)
-    return evidence_map.words(update, np.array(before), ("a", "b"))
+    return evidence_map.evidence_in_words(update, np.array(before), ("a", "b"))
 
 
 @pytest.mark.parametrize(
@@ -178,17 +178,17 @@ def test_evidence_of_one_story_of_many_updates_and_of_none(tmp_path, search, wor
                 cumulative=alone(u.cumulative))
         for u in updates.all
     ]  # fmt: skip
-    evidence_map.draw(Updates(("only",), np.ones(1), tuple(single)), tmp_path / "one.png", SETTING)
+    evidence_map.plot_evidence(Updates(("only",), np.ones(1), tuple(single)), tmp_path / "one.png", SETTING)
     assert "POC (light), POS (dark) [%]" in words
     many = tuple(replace(updates.all[k % 6], name=f"update {k}") for k in range(30))
-    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "many.png", SETTING)
+    evidence_map.plot_evidence(Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "many.png", SETTING)
     assert "after update 8" in words
     assert any("the first 8 updates are in sorties.csv" in text for text in words)
-    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, ()), tmp_path / "none.png", SETTING)
+    evidence_map.plot_evidence(Updates(searches.NAMES, searches.PRIOR, ()), tmp_path / "none.png", SETTING)
     assert "0 sorties that found nothing" in words
     words.clear()
     seen = [replace(u, kind="look", poc=None, pos=None, cumulative=None) for u in single]
-    evidence_map.draw(Updates(("only",), np.ones(1), tuple(seen)), tmp_path / "seen.png", SETTING)
+    evidence_map.plot_evidence(Updates(("only",), np.ones(1), tuple(seen)), tmp_path / "seen.png", SETTING)
     assert "How likely what it said was beforehand [%]" in words
     assert "Cumulative POS [%]" not in words
     assert "6 reports of sensors" in words
@@ -196,7 +196,7 @@ def test_evidence_of_one_story_of_many_updates_and_of_none(tmp_path, search, wor
 
 def test_a_plan_shows_its_figures(tmp_path, search, words):
     plan = searches.plan()
-    plan_map.draw(search[0], plan, tmp_path / "a.png", SETTING)
+    plan_map.plot_plan(search[0], plan, tmp_path / "a.png", SETTING)
     assert "Plan: POS 0.46; estimated bound 0.53 (+-0.01)" in words
     assert "A-1 CG 1503\n222330Z" in words
     assert "5 legs, spacing 3.00 nmi, creep 228T" in words
@@ -206,9 +206,9 @@ def test_a_plan_shows_its_figures(tmp_path, search, words):
     )  # on scene 2330Z to 0300Z; outputs at 2330Z, 0630Z
     unit = replace(plan.taskings[0].unit, base=(-95.0, 30.0))
     far = replace(plan, taskings=(replace(plan.taskings[0], unit=unit), *plan.taskings[1:]))
-    plan_map.draw(search[0], far, tmp_path / "b.png", SETTING)
+    plan_map.plot_plan(search[0], far, tmp_path / "b.png", SETTING)
     assert any(text.startswith("CG 1503\nbase 3") for text in words)
-    plan_map.draw(search[0], replace(plan, taskings=()), tmp_path / "c.png", SETTING)
+    plan_map.plot_plan(search[0], replace(plan, taskings=()), tmp_path / "c.png", SETTING)
     assert "No unit can search in this period." in words
 
 
@@ -221,7 +221,7 @@ def test_a_plan_shows_the_land_of_all_that_it_shows(tmp_path, search, words):
         return [shapely.box(-88.5, 27.9, -88.4, 28.0)]
 
     plan = searches.plan()
-    plan_map.draw(search[0], plan, tmp_path / "a.png", replace(SETTING, polygons=land))
+    plan_map.plot_plan(search[0], plan, tmp_path / "a.png", replace(SETTING, polygons=land))
     assert "Land" in words
     (box,) = asked
     for tasking in plan.taskings:
@@ -259,7 +259,7 @@ def test_labels_of_a_plan_keep_apart(tmp_path, search, figures):
     ]
     title = "A title that goes on and on until it meets a warning, Gulf of Mexico and beyond"
     plan = replace(plan, taskings=tuple(taskings))
-    plan_map.draw(search[0], plan, tmp_path / "a.png", Setting(replace(CAUTIONED, title=title)))
+    plan_map.plot_plan(search[0], plan, tmp_path / "a.png", Setting(replace(CAUTIONED, title=title)))
     found = boxes(
         figures[0],
         lambda text: "\nbase " in text or "\n2" in text or text.startswith(("A title", "SYNTH")),
@@ -274,7 +274,7 @@ def test_what_else_could_be_done_is_told_in_full(tmp_path, search, words):
     plan = searches.plan()
     name = "each unit where it alone finds most, ignoring what all of the others find"
     plan = replace(plan, alternatives=(replace(plan.alternatives[0], name=name),))
-    plan_map.draw(search[0], plan, tmp_path / "a.png", SETTING)
+    plan_map.plot_plan(search[0], plan, tmp_path / "a.png", SETTING)
     k = next(k for k, text in enumerate(words) if text.startswith("0.35  "))
     assert " ".join(words[k : k + 2]) == f"0.35  {name}"
     # of the same particles as the plan, and which
@@ -286,7 +286,7 @@ def test_numbers_of_updates_close_in_time_do_not_touch(tmp_path, search, figures
     sortie = updates.all[0]
     times = (0, 1, 40, 40.1, 40.3, 52, 70)
     many = tuple(replace(sortie, name=f"{k}", time=searches.hours(hour)) for k, hour in enumerate(times))
-    evidence_map.draw(Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "a.png", SETTING)
+    evidence_map.plot_evidence(Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "a.png", SETTING)
     axes = figures[0].axes[1]
     renderer = figures[0].canvas.get_renderer()
     found = {t.get_text(): t.get_window_extent(renderer) for t in axes.texts if set(t.get_text()) <= set("1234567-, ")}
@@ -302,7 +302,7 @@ def test_sorties_have_the_numbers_of_their_updates(tmp_path, search, words):
     found = list(updates.all)
     found[swapped[0]], found[swapped[1]] = found[swapped[1]], found[swapped[0]]
     other = replace(updates, all=tuple(found))
-    search_map.draw(forecast, sorties[1:3], contacts, other, tmp_path / "a.png", SETTING, page=1)
+    search_map.plot_searches(forecast, sorties[1:3], contacts, other, tmp_path / "a.png", SETTING, page=1)
     for sortie in sorties[1:3]:
         number = 1 + next(k for k, u in enumerate(found) if u.name == sortie.name)
         assert f"{number} {sortie.name}" in words
@@ -313,19 +313,19 @@ def test_contacts_are_drawn_with_the_sorties_that_they_concern(tmp_path, search,
     forecast, sorties, contacts, updates = search
     drawn = []
     monkeypatch.setattr(search_map.search_layers, "contact", lambda ax, here, one, scale: drawn.append(one.name))
-    search_map.draw(forecast, sorties[2:], contacts, updates, tmp_path / "a.png", SETTING, page=1)
+    search_map.plot_searches(forecast, sorties[2:], contacts, updates, tmp_path / "a.png", SETTING, page=1)
     assert sorted(drawn) == ["Beacon A/B"] * 3 + ["Red flare"] * 3
     drawn.clear()
     late = replace(sorties[3], start=searches.hours(20), end=searches.hours(22))
-    search_map.draw(forecast, [late], contacts, updates, tmp_path / "a.png", SETTING, page=1)
+    search_map.plot_searches(forecast, [late], contacts, updates, tmp_path / "a.png", SETTING, page=1)
     assert drawn == []
 
 
 def test_the_same_search_gives_the_same_bytes(tmp_path, search):
     forecast, sorties, contacts, updates = search
     for name in ("a", "b"):
-        search_map.draw(forecast, sorties[:1], contacts, updates, tmp_path / f"{name}.png", SETTING, page=1)
-        evidence_map.draw(updates, tmp_path / f"e{name}.png", SETTING)
+        search_map.plot_searches(forecast, sorties[:1], contacts, updates, tmp_path / f"{name}.png", SETTING, page=1)
+        evidence_map.plot_evidence(updates, tmp_path / f"e{name}.png", SETTING)
     for prefix in ("", "e"):
         assert (tmp_path / f"{prefix}a.png").read_bytes() == (tmp_path / f"{prefix}b.png").read_bytes()
     with Image.open(tmp_path / "a.png") as image:

@@ -82,7 +82,7 @@ def test_bayes_factors_of_certainties_and_of_the_improbable():
 
 def test_the_summary_is_json_and_ends_where_the_table_does(search):
     updates = search[3]
-    told = json.loads(json.dumps(formats.plain(search_tables.numbers(updates)), allow_nan=False))
+    told = json.loads(json.dumps(formats.plain(search_tables.summary_of_search(updates)), allow_nan=False))
     assert (told["sorties"], told["contacts"]) == (4, 2)
     last = rows(updates)[-1]
     assert told["cumulative_pos"]["all"] == pytest.approx(float(last["pos_cumulative"]))
@@ -90,7 +90,7 @@ def test_the_summary_is_json_and_ends_where_the_table_does(search):
         float(rows(updates)[-2]["posterior"]), rel=1e-6
     )
     assert "pos" not in next(u for u in told["updates"] if u["kind"] == "contact")
-    nothing = search_tables.numbers(Updates(searches.NAMES, searches.PRIOR, ()))
+    nothing = search_tables.summary_of_search(Updates(searches.NAMES, searches.PRIOR, ()))
     assert nothing["cumulative_pos"] is None
     assert nothing["scenarios"]["on passage"] == {"prior": 0.2, "posterior": 0.2}
 
@@ -199,11 +199,11 @@ def test_planned_sorties_are_told_from_flown_ones(search):
     assert [row["status"] for row in rows(mixed)] == [
         wanted[row["name"]] if row["kind"] == "sortie" else "" for row in rows(mixed)
     ]
-    told = search_tables.numbers(mixed)["updates"]
+    told = search_tables.summary_of_search(mixed)["updates"]
     assert {u["name"]: u["status"] for u in told if u["kind"] == "sortie"} == wanted
     shapes = search_tables.shapes(mixed.sorties, searches.contacts(0.0, 0.0), mixed, {"run_id": "r"})["features"]
     for properties in (feature["properties"] for feature in shapes):
         assert properties.get("status") == (wanted[properties["name"]] if properties["kind"] == "sortie" else None)
-    drawn = chapter.chapter(chapter.Matter(mixed, (), None, Setting(Imprint("a plan"))), mapped=False).leaves
+    drawn = chapter.chapter(chapter.SearchOutputs(mixed, (), None, Setting(Imprint("a plan"))), mapped=False).leaves
     names = {name for leaf in drawn[0]() if leaf["leaf"] == "shapes" for name in leaf["where"]["name"]}
     assert names == {sortie.name for sortie in others}

@@ -14,7 +14,7 @@ from drift.case.record import Case
 from drift.engine.motion import simulate
 from drift.engine.particles import ensemble as record
 from drift.engine.particles.ensemble import Ensemble
-from drift.evidence.filter.filter import Search
+from drift.evidence.filter.filter import SearchFilter
 from drift.evidence.filter.records import NO_SENSORS, Barrier, Field, Law, Line, Presence, Sensors, Sortie, Watch
 from drift.pipeline import run_setup
 from geo import sphere
@@ -59,13 +59,15 @@ def seconds(hours: float) -> float:
 
 def run(
     tmp_path: Path, text: str, sorties: tuple[Sortie, ...] = (), sensors: Sensors = NO_SENSORS, **head: Any
-) -> tuple[Search, Ensemble]:
+) -> tuple[SearchFilter, Ensemble]:
     path = tmp_path / "case.toml"
     path.write_text(HEAD.format(**head) + text)
     runtime.start()
     case: Case = case_file.load(path)
     begin = run_setup.prepare(case, run_setup.open_for(case))
-    search = Search(run_setup.ensemble_spec(case), sorties, (), case.resampling, begin.ensemble, begin.scene, sensors)
+    search = SearchFilter(
+        run_setup.ensemble_spec(case), sorties, (), case.resampling, begin.ensemble, begin.scene, sensors
+    )
     list(simulate.run(begin.ensemble, begin.scene, begin.clock, np.empty(0), search=search))
     begin.scene.forcing.close()
     return search, begin.ensemble
@@ -80,7 +82,7 @@ def leg(points: list[tuple[float, float]], speed: float, begin: float) -> tuple[
     return flown, begin + float(np.ceil(time[-1])) / 3600
 
 
-def pod(search: Search) -> float:
+def pod(search: SearchFilter) -> float:
     return float(-np.expm1(search.updates.all[0].log_evidence[-1]))
 
 

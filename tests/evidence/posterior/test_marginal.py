@@ -51,7 +51,7 @@ def some() -> Some:
     weight[bounds[2] : bounds[3]] = 0
     weight /= weight.max()
     scenario = np.repeat(np.arange(4), np.diff(bounds))
-    blocks = partials.cut(bounds, bounds[:-1], (partials.BLOCK,) * 4)
+    blocks = partials.cut_blocks(bounds, bounds[:-1], (partials.BLOCK,) * 4)
     return Some(blocks, weight, scenario, rng.random(bounds[-1]) < 0.7, rng)
 
 
@@ -160,7 +160,7 @@ def test_copies_count_as_one(some: Some, monkeypatch: pytest.MonkeyPatch) -> Non
     family = np.repeat(np.arange(scenario.size), copies)
     family = family[np.lexsort((rng.random(family.size), scenario[family]))]
     bounds = (0, *np.cumsum(np.bincount(scenario, copies, 4)).astype(int))
-    parted_blocks = partials.cut(bounds, bounds[:-1], (partials.BLOCK,) * 4)
+    parted_blocks = partials.cut_blocks(bounds, bounds[:-1], (partials.BLOCK,) * 4)
     parted = (weight / copies)[family]
     many = particles(parted, parted_blocks, lineage=family)
     np.testing.assert_allclose(many.ess, own.ess, rtol=1e-10)

@@ -63,7 +63,7 @@ def test_the_table_is_whole(four: Posteriors) -> None:
         assert 0.5 < float(row["std"]) < 8 / np.sqrt(12) + 0.1  # hours
     destinations = {row["value"] for row in found if row["quantity"] == "destination"}
     assert destinations == {"44-12.0N 176-54.0W", "44-54.0N 179-12.0W", "41-42.0N 178-48.0W"}
-    assert len(tables.numbers(four)) == 2
+    assert len(tables.summary_of_posteriors(four)) == 2
 
 
 def test_the_picture(four: Posteriors, tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_the_picture(four: Posteriors, tmp_path: Path) -> None:
             assert low < 360 < high or low < 0 < high  # north is inside, and so is no turn of nothing
             assert 95 / 2 < high - low < 110
     setting = Setting(Imprint("Of a $ and a $", caution="SYNTHETIC"))
-    posterior_map.draw(four, tmp_path / "posteriors.png", setting)
+    posterior_map.plot_posteriors(four, tmp_path / "posteriors.png", setting)
     assert (tmp_path / "posteriors.png").read_bytes().startswith(b"\x89PNG")
 
 

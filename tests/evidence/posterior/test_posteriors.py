@@ -36,7 +36,7 @@ def test_what_is_settled_is_what_the_targets_do(tmp_path: Path) -> None:
     runtime.start()
     begin = run_setup.prepare(case, run_setup.open_for(case))
     ensemble, steering = begin.ensemble, begin.scene.steering
-    own = settled.read(ensemble, steering)
+    own = settled.read_settled(ensemble, steering)
     parts = [slice(*slots) for slots in ensemble.scenarios]
     yacht, course, tender, bridge = parts
     np.testing.assert_array_equal(own.course[course], ensemble.own["course"].to_numpy()[course])
@@ -70,11 +70,11 @@ def test_copies_keep_what_was_settled(tmp_path: Path) -> None:
     case = load(tmp_path, COURSE, BRIDGE, n=900)
     runtime.start()
     begin = run_setup.prepare(case, run_setup.open_for(case))
-    before = settled.read(begin.ensemble, begin.scene.steering)
+    before = settled.read_settled(begin.ensemble, begin.scene.steering)
     rng = np.random.default_rng(3)
     ancestors = np.concatenate([rng.integers(a, b, b - a) for a, b in begin.ensemble.scenarios])
     record.inherit(begin.ensemble.columns.values(), ancestors)
-    after = settled.read(begin.ensemble, begin.scene.steering)
+    after = settled.read_settled(begin.ensemble, begin.scene.steering)
     begin.scene.forcing.close()
     for name in ("speed", "course", "destination", "k", "arrival"):
         np.testing.assert_array_equal(getattr(after, name), getattr(before, name)[ancestors])

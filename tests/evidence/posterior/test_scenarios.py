@@ -94,7 +94,7 @@ def test_shares_by_axis_are_sums_of_scenarios(run: tuple[Result, Path]) -> None:
 
 def test_the_summary_and_the_terminal(run: tuple[Result, Path]) -> None:
     told = json.loads((run[1] / "summary.json").read_text())
-    ranked = ranking.of(posteriors(run))
+    ranked = ranking.ranking_of(posteriors(run))
     assert ranked is not None
     stories = told["stories"]
     assert stories["number"] == 19
@@ -113,10 +113,10 @@ def test_the_summary_and_the_terminal(run: tuple[Result, Path]) -> None:
 
 
 def test_the_picture_is_drawn_however_long_names_are(run: tuple[Result, Path], tmp_path: Path) -> None:
-    ranked = ranking.of(posteriors(run))
+    ranked = ranking.ranking_of(posteriors(run))
     assert ranked is not None
     assert (run[1] / "scenarios.png").read_bytes().startswith(b"\x89PNG")
-    scenarios_map.draw(
+    scenarios_map.plot_scenario_ranking(
         ranked, tmp_path / "few.png", Setting(Imprint("Of a $ and a $", caution="SYNTHETIC"), particles=100)
     )
     assert (tmp_path / "few.png").stat().st_size > 10_000
@@ -124,7 +124,7 @@ def test_the_picture_is_drawn_however_long_names_are(run: tuple[Result, Path], t
 
 def test_the_report_lists_few_rows(run: tuple[Result, Path]) -> None:
     """Scenarios by rank and by axis; the table of what is believed has no rows of single stories."""
-    found = {leaf["title"]: leaf for leaf in chapter._leaves(posteriors(run), ranking.of(posteriors(run)))}
+    found = {leaf["title"]: leaf for leaf in chapter._leaves(posteriors(run), ranking.ranking_of(posteriors(run)))}
     assert len(found["Scenarios by rank"]["rows"]) == 19
     assert len(found["Scenarios by axis"]["rows"]) == 9
     assert "scenario" not in found["Posteriors besides position"]["where"]["quantity"]
@@ -135,7 +135,7 @@ def test_one_scenario_or_no_update_has_no_ranks(tmp_path: Path) -> None:
     path.write_text(CASE[: CASE.index("[[look]]")])
     made = drift.run(case_file.load(path))
     assert made.posteriors is not None
-    assert ranking.of(made.posteriors) is None
+    assert ranking.ranking_of(made.posteriors) is None
     assert "scenarios" not in made.tables
     assert "stories" not in made.summary
 

@@ -64,7 +64,7 @@ VARIANTS: dict[str, Table] = {
 
 @pytest.mark.parametrize("kind", VARIANTS)
 def test_each_way_of_writing_gives_the_same_table(kind: str, tmp_path: Path) -> None:
-    read = losses.read(VARIANTS[kind].write(tmp_path / "a.nc"))
+    read = losses.read_losses(VARIANTS[kind].write(tmp_path / "a.nc"))
     same(read)
     assert read.lon.size == read.lat.size == 0
     assert read.name == "a.nc"
@@ -96,7 +96,7 @@ def written(draw: st.DrawFn) -> tuple[Table, np.ndarray]:
 @given(written())
 def test_any_order_and_packing_gives_the_same_table(tmp_path: Path, case: tuple[Table, np.ndarray]) -> None:
     table, order = case
-    read = losses.read(table.write(tmp_path / "a.nc"))
+    read = losses.read_losses(table.write(tmp_path / "a.nc"))
     same(read, PLACES[order])
     np.testing.assert_allclose(np.degrees(read.lon), LON[order], atol=1e-9)
     np.testing.assert_allclose(np.degrees(read.lat), LAT[order], atol=1e-9)
@@ -106,7 +106,11 @@ def test_any_order_and_packing_gives_the_same_table(tmp_path: Path, case: tuple[
 @pytest.mark.parametrize("end", [360.0, 359.9999, -1e-5])
 def test_0_and_360_both_there_count_once(end: float, unit: str, tmp_path: Path) -> None:
     both = np.append(BEARING, end)
-    same(losses.read(Table(bearing=both, values=loss(both, RANGE), units={"bearing": unit}).write(tmp_path / "a.nc")))
+    same(
+        losses.read_losses(
+            Table(bearing=both, values=loss(both, RANGE), units={"bearing": unit}).write(tmp_path / "a.nc")
+        )
+    )
 
 
 def test_bearings_in_single_precision_radians_close_the_circle(tmp_path: Path) -> None:
@@ -115,12 +119,12 @@ def test_bearings_in_single_precision_radians_close_the_circle(tmp_path: Path) -
         data.load()
     data["bearing"] = data["bearing"].astype("f4")  # 2 pi becomes a little more than a turn
     data.to_netcdf(tmp_path / "b.nc")
-    same(losses.read(tmp_path / "b.nc"))
+    same(losses.read_losses(tmp_path / "b.nc"))
 
 
 @pytest.mark.parametrize("bearing", [None, np.array([45.0])], ids=["none", "one"])
 def test_without_bearings_the_loss_holds_all_round(bearing: np.ndarray | None, tmp_path: Path) -> None:
-    read = losses.read(Table(bearing=bearing, units={"bearing": None}).write(tmp_path / "a.nc"))
+    read = losses.read_losses(Table(bearing=bearing, units={"bearing": None}).write(tmp_path / "a.nc"))
     assert read.loss.shape == (1, 1, len(RANGE))
     assert len(read.bearing) == 1
 
@@ -131,7 +135,7 @@ def test_a_coordinate_beside_a_numbered_dimension_is_found(tmp_path: Path) -> No
     azimuth = ("radial", data["radial"].values, {"units": "degree", "standard_name": "sensor_azimuth_angle"})
     data = data.drop_vars("radial").assign(heading_of_ray=azimuth)
     data.to_netcdf(tmp_path / "b.nc")
-    same(losses.read(tmp_path / "b.nc"))
+    same(losses.read_losses(tmp_path / "b.nc"))
 
 
 def test_one_place_without_a_dimension_is_a_place(tmp_path: Path) -> None:
@@ -139,7 +143,7 @@ def test_one_place_without_a_dimension_is_a_place(tmp_path: Path) -> None:
         data.load()
     data["lon"], data["lat"] = ((), 170.0, {"units": "degrees_east"}), ((), -20.0, {"units": "degrees_north"})
     data.to_netcdf(tmp_path / "b.nc")
-    read = losses.read(tmp_path / "b.nc")
+    read = losses.read_losses(tmp_path / "b.nc")
     same(read)
     np.testing.assert_allclose(np.degrees([read.lon[0], read.lat[0]]), [170.0, -20.0])
     assert losses.between(read, 1.0, 0.2) is not None
@@ -157,11 +161,11 @@ def test_positions_of_cells_and_of_the_whole_are_no_places(tmp_path: Path) -> No
         latitude=((), 6.0, {"units": "degrees_north", "standard_name": "latitude"}),
     )
     data.to_netcdf(tmp_path / "b.nc")
-    read = losses.read(tmp_path / "b.nc")
+    read = losses.read_losses(tmp_path / "b.nc")
     same(read, PLACES)
     np.testing.assert_allclose(np.degrees(read.lon), LON)
     data.isel(place=0, drop=True).drop_vars(["lon", "lat", "longitude", "latitude"]).to_netcdf(tmp_path / "c.nc")
-    read = losses.read(tmp_path / "c.nc")
+    read = losses.read_losses(tmp_path / "c.nc")
     same(read)
     assert read.lon.size == 0
 
@@ -174,7 +178,7 @@ def test_places_on_a_grid_are_places(tmp_path: Path) -> None:
     )
     data["bearing"].attrs["units"], data["range"].attrs["units"] = "degree", "m"
     data.transpose("range", "lon", "bearing", "lat").to_netcdf(tmp_path / "a.nc")
-    read = losses.read(tmp_path / "a.nc")
+    read = losses.read_losses(tmp_path / "a.nc")
     lon, lat = np.degrees(read.lon), np.degrees(read.lat)
     for k in range(4):  # in whatever order
         j, i = int(lat[k] > 41), int(lon[k] > -8.5)
@@ -190,18 +194,18 @@ def test_a_further_dimension_is_chosen(select: dict[str, Any], higher: float, tm
     if "season" in select:
         further["season"] = np.array(["summer", "winter"])
     path = Table(further=further).write(tmp_path / "a.nc")
-    same(losses.read(path, select=select), WHOLE + higher)
+    same(losses.read_losses(path, select=select), WHOLE + higher)
 
 
 def test_a_time_is_chosen_by_its_date(tmp_path: Path) -> None:
     times = np.array(["2026-01-01", "2026-07-01"], "datetime64[ns]")
     path = Table(further={"time": times}).write(tmp_path / "a.nc")
-    same(losses.read(path, select={"time": "2026-07-01T00:00:00Z"}), WHOLE + 1)
+    same(losses.read_losses(path, select={"time": "2026-07-01T00:00:00Z"}), WHOLE + 1)
 
 
 def test_units_are_stated_where_the_file_lacks_them(tmp_path: Path) -> None:
     path = Table(metres=RANGE, units={"range": None}).write(tmp_path / "a.nc")
-    same(losses.read(path, units={"range": "m"}))
+    same(losses.read_losses(path, units={"range": "m"}))
 
 
 def holed(count: int) -> np.ndarray:
@@ -292,7 +296,7 @@ def test_what_misleads_is_refused_in_one_line(kind: str, tmp_path: Path) -> None
     table, keys, said = BAD[kind]
     path = table.write(tmp_path / "a.nc")
     with pytest.raises(UserError, match=said) as caught:
-        losses.read(path, name='sensor "towed".losses', **keys)
+        losses.read_losses(path, name='sensor "towed".losses', **keys)
     assert len(caught.value.lines) == 1
     assert str(caught.value).startswith('sensor "towed".losses: ')
 
@@ -305,30 +309,30 @@ def test_two_variables_that_may_be_the_loss_are_named(tmp_path: Path) -> None:
     with pytest.raises(
         UserError, match="tl, loss may each be the transmission loss over bearing and range; set variable"
     ):
-        losses.read(tmp_path / "b.nc")
-    same(losses.read(tmp_path / "b.nc", variable="loss"), WHOLE + 1)
+        losses.read_losses(tmp_path / "b.nc")
+    same(losses.read_losses(tmp_path / "b.nc", variable="loss"), WHOLE + 1)
 
 
 def test_half_a_position_is_refused(tmp_path: Path) -> None:
     with xr.open_dataset(FOUR.write(tmp_path / "a.nc")) as data:
         data.drop_vars("lat").to_netcdf(tmp_path / "b.nc")
     with pytest.raises(UserError, match="its places have a longitude only; give the file both, over place"):
-        losses.read(tmp_path / "b.nc")
+        losses.read_losses(tmp_path / "b.nc")
 
 
 def test_places_without_positions_must_be_chosen(tmp_path: Path) -> None:
     with xr.open_dataset(FOUR.write(tmp_path / "a.nc")) as data:
         data.drop_vars(["lat", "lon"]).to_netcdf(tmp_path / "b.nc")
     with pytest.raises(UserError, match=r'4 values of "place" \(0, 1, 2, 3\); choose one with select'):
-        losses.read(tmp_path / "b.nc")
-    same(losses.read(tmp_path / "b.nc", select={"place": 2}), PLACES[2:3])
+        losses.read_losses(tmp_path / "b.nc")
+    same(losses.read_losses(tmp_path / "b.nc", select={"place": 2}), PLACES[2:3])
 
 
 def test_a_dimension_without_numbers_is_refused(tmp_path: Path) -> None:
     with xr.open_dataset(Table().write(tmp_path / "a.nc")) as data:
         data.drop_vars("range").to_netcdf(tmp_path / "b.nc")
     with pytest.raises(UserError, match='the dimension "range" has no coordinate'):
-        losses.read(tmp_path / "b.nc")
+        losses.read_losses(tmp_path / "b.nc")
 
 
 def test_what_else_lies_along_the_range_is_not_taken_for_it(tmp_path: Path) -> None:
@@ -337,10 +341,10 @@ def test_what_else_lies_along_the_range_is_not_taken_for_it(tmp_path: Path) -> N
     bottom = ("range", np.linspace(50.0, 4000.0, len(RANGE)), {"units": "m", "long_name": "sea floor along the range"})
     data = data.assign(bathymetry=bottom)
     data.to_netcdf(tmp_path / "b.nc")
-    same(losses.read(tmp_path / "b.nc"))
+    same(losses.read_losses(tmp_path / "b.nc"))
     data.drop_vars("range").to_netcdf(tmp_path / "c.nc")
     with pytest.raises(UserError, match='the dimension "range" has no coordinate'):
-        losses.read(tmp_path / "c.nc")
+        losses.read_losses(tmp_path / "c.nc")
 
 
 def test_what_is_no_netcdf_file_is_refused(tmp_path: Path) -> None:
@@ -353,6 +357,6 @@ def test_what_is_no_netcdf_file_is_refused(tmp_path: Path) -> None:
         ("cut.nc", "truncated or damaged"), ("", "is a folder"),
     ):  # fmt: skip
         with pytest.raises(UserError, match=said) as caught:
-            losses.read(tmp_path / file)
+            losses.read_losses(tmp_path / file)
         assert re.search("name a netCDF file$", str(caught.value))
         assert "[[" not in str(caught.value)

@@ -56,7 +56,7 @@ def test_each_way_of_writing_gives_the_same_table(change: Any, packed: bool, tmp
     name = next(n for n in ("noise", "ambient") if n in data)
     how = {"dtype": "i2", "scale_factor": 0.01, "_FillValue": -9999} if packed else {}
     data.to_netcdf(tmp_path / "a.nc", encoding={name: how})
-    made = noise.read(tmp_path / "a.nc")
+    made = noise.read_noise(tmp_path / "a.nc")
     np.testing.assert_allclose(np.degrees(made.bearing), BEARING, atol=1e-9)
     np.testing.assert_allclose(made.level, LEVEL, rtol=0, atol=4 * np.spacing(np.float32(100)))
     np.testing.assert_array_equal(made.times, TIMES.astype("datetime64[s]"))
@@ -66,7 +66,7 @@ def test_one_time_holds_always(tmp_path: Path) -> None:
     dataset().isel(time=[1]).to_netcdf(tmp_path / "a.nc")
     dataset().isel(time=1).to_netcdf(tmp_path / "b.nc")
     for file in ("a.nc", "b.nc"):
-        made = noise.read(tmp_path / file)
+        made = noise.read_noise(tmp_path / file)
         assert made.times.size == 0
         np.testing.assert_allclose(made.level, LEVEL[1:2], atol=1e-4)
 
@@ -96,7 +96,7 @@ def test_what_is_no_noise_is_refused_in_one_line(kind: str, tmp_path: Path) -> N
     data, said = BAD[kind]
     data.to_netcdf(tmp_path / "a.nc")
     with pytest.raises(UserError, match=f"^hull: .*{said}") as caught:
-        noise.read(tmp_path / "a.nc", name="hull")
+        noise.read_noise(tmp_path / "a.nc", name="hull")
     assert len(caught.value.lines) == 1
 
 

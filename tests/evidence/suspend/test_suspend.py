@@ -330,10 +330,10 @@ def test_days_on_a_held_map_bear_no_error_and_no_panel_is_empty(
     suspension = small if mortal else replace(small, bases=(None, None))
     for planned in (False, True):
         some = replace(suspension, planned=planned)
-        *_, words = suspend_text.text(some, "Title", "run").split("4  SEARCHING ON")
+        *_, words = suspend_text.suspension_text(some, "Title", "run").split("4  SEARCHING ON")
         assert ("+-" in words) == planned
         assert ("no errors are given" in " ".join(words.split())) == (not planned)
-        suspend_map.draw(some, tmp_path / "suspend.png", imprint=Imprint("Title"))
+        suspend_map.plot_suspension(some, tmp_path / "suspend.png", imprint=Imprint("Title"))
         axes = drawn[-1].axes
         assert [ax.get_title(loc="left") for ax in axes] == [
             *(["Probability of being alive"] if mortal else []), "Searched so far", "Searching on from now"
@@ -352,7 +352,7 @@ def test_survival_times_alone_are_told_from_the_start(tmp_path: Path) -> None:
     assert suspension is not None
     assert suspension.now == np.datetime64("2026-06-01T06:00")
     assert suspension.sorties == suspension.further == ()
-    assert "No sortie has been flown" in suspend_text.text(suspension, "Title", "run")
+    assert "No sortie has been flown" in suspend_text.suspension_text(suspension, "Title", "run")
 
 
 def test_a_plan_of_two_sorties_saves_by_the_second_only_who_the_first_missed() -> None:

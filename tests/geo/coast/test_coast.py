@@ -31,7 +31,7 @@ def norway():
     """The coast of West Norway, on the device too, and its land on the lattice (in units) as shapely sees it."""
     runtime.start()
     land = shore.land("gshhg", NORWAY)
-    built = edges.build(land, NORWAY)
+    built = edges.build_coast(land, NORWAY)
     polygons = on_lattice(land.polygons)
     shapely.prepare(polygons)
     return built, crossing.upload(built), polygons, shapely.boundary(polygons)
@@ -70,7 +70,7 @@ def square(west, south, east, north):
 
 
 def coast_of(polygons, box, **options):
-    built = edges.build(Shore(np.array(polygons, object), "test"), box, **options)
+    built = edges.build_coast(Shore(np.array(polygons, object), "test"), box, **options)
     return built, crossing.upload(built)
 
 
@@ -275,7 +275,7 @@ def test_island_cut_at_the_antimeridian_is_whole(tmp_path):
     box = Box(177, -19, 183, -14)
     land = shore.land(path, box)
     assert len(land.polygons) == 1
-    built = edges.build(land, box)
+    built = edges.build_coast(land, box)
     device = crossing.upload(built)
     rng = np.random.default_rng(11)
     lon, lat, dlon, dlat = steps_within(box, rng, 20_000, 30_000)
@@ -295,7 +295,7 @@ def test_island_cut_at_the_antimeridian_is_whole(tmp_path):
 
 def test_fiji_has_no_shore_along_the_antimeridian():
     box = Box(178, -18, 182, -15)
-    built = edges.build(shore.land("gshhg", box), box)
+    built = edges.build_coast(shore.land("gshhg", box), box)
     edge = edges.edges(built)
     along = (edge[:, 0] == -(2**31)) & (edge[:, 2] == -(2**31))
     assert not along.any()
@@ -345,7 +345,7 @@ def test_globe_closes_at_its_seam():
 def test_noaa_shoreline(name, box, wet, dry):
     land = shore.land(data(name), box)
     assert any("map bounds" in note for note in land.notes)
-    built = edges.build(land, box)
+    built = edges.build_coast(land, box)
     points = sphere.to_binary([wet, dry])
     np.testing.assert_array_equal(edges.is_land(built, points[:, 0], points[:, 1]), [False, True])
     assert not edges.is_land(built, *sphere.to_binary([box.west, box.south]))  # the frame of the map is not land
@@ -361,7 +361,7 @@ def test_self_crossing_shoreline_is_repaired(tmp_path):
     path.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": bow}))
     land = shore.land(path, Box(-1, -1, 3, 3))
     assert any("1 of 1" in note and "repaired" in note for note in land.notes)
-    built = edges.build(land, Box(-1, -1, 3, 3))
+    built = edges.build_coast(land, Box(-1, -1, 3, 3))
     lon, lat = sphere.to_binary([0.5, 1.5, 1.0, 1.0]), sphere.to_binary([1.0, 1.0, 0.5, 1.5])
     np.testing.assert_array_equal(edges.is_land(built, lon, lat), [True, True, False, False])
 
@@ -369,7 +369,7 @@ def test_self_crossing_shoreline_is_repaired(tmp_path):
 def test_overlapping_polygons_are_joined(tmp_path):
     path = tmp_path / "two.geojson"
     path.write_text(shapely.to_geojson(shapely.MultiPolygon([square(0, 0, 2, 1), square(1, 0.5, 3, 2)])))
-    built = edges.build(shore.land(path, Box(-1, -1, 4, 3)), Box(-1, -1, 4, 3))
+    built = edges.build_coast(shore.land(path, Box(-1, -1, 4, 3)), Box(-1, -1, 4, 3))
     assert edges.is_land(built, *sphere.to_binary([1.5, 0.75]))
 
 
@@ -420,7 +420,7 @@ def test_a_shoreline_elsewhere_is_said(tmp_path):
 
 def test_land_beyond_the_cut_is_refused(norway):
     with pytest.raises(ValueError, match="does not hold"):
-        edges.build(shore.land("none", Box(0, 0, 2, 2)), Box(0, 0, 5, 2))
+        edges.build_coast(shore.land("none", Box(0, 0, 2, 2)), Box(0, 0, 5, 2))
 
 
 # A real landing
@@ -434,7 +434,7 @@ def test_buoy_lands_on_hopen():
         time = buoy.time.values[fixed].astype("datetime64[s]")
         lon, lat = sphere.to_binary(buoy.lon.values[fixed]), sphere.to_binary(buoy.lat.values[fixed])
     box = Box(16, 74, 31, 78)
-    device = crossing.upload(edges.build(shore.land("gshhg", box), box))
+    device = crossing.upload(edges.build_coast(shore.land("gshhg", box), box))
     afloat = np.flatnonzero(crossing.wet(device, lon[:-1], lat[:-1]))
     found = crossing.crossings(
         device, lon[afloat], lat[afloat], (lon[1:] - lon[:-1])[afloat], (lat[1:] - lat[:-1])[afloat]

@@ -41,7 +41,7 @@ def test_a_way_is_the_shortest_of_all_between_corners(seed, monkeypatch):
         point = rng.uniform(west, east), rng.uniform(south, north)
         if shapely.contains_xy(star, *point):
             points.append(point)
-    land = land_masses.build(np.array([star], object))
+    land = land_masses.build_land_masses(np.array([star], object))
     found = overland.distances(land, points[0], points[1:], 200e3)
     np.testing.assert_allclose(found, [by_sight(star, points[0], point) for point in points[1:]], rtol=2e-5)
 
@@ -53,7 +53,7 @@ BAY = shapely.Polygon([(0, 0), (0.3, 0), (0.3, 0.2), (0.2, 0.2), (0.2, 0.05), (0
 def test_round_a_bay_and_not_across(shift):
     """From one head of a bay to the other: down one side, along the bottom, up the other, wherever it lies."""
     bay = shapely.transform(BAY, lambda xy: xy + np.array([shift, 0.0]))
-    land = land_masses.build(np.array([bay], object))
+    land = land_masses.build_land_masses(np.array([bay], object))
     base, to = (float(sphere.wrap_degrees(shift + 0.1)), 0.2), (float(sphere.wrap_degrees(shift + 0.2)), 0.2)
     way = (0.15 + 0.1 + 0.15) * DEGREE
     (found,) = overland.distances(land, base, [to], 60e3)
@@ -65,8 +65,8 @@ def test_round_a_bay_and_not_across(shift):
 def test_islands_are_apart_until_a_bridge_joins_them():
     islands = np.array([shapely.box(0, 0, 0.1, 0.1), shapely.box(0.12, 0, 0.2, 0.1)], object)
     base, to = (0.02, 0.05), (0.18, 0.05)
-    assert overland.distances(land_masses.build(islands), base, [to], 50e3).tolist() == [np.inf]
-    bridged = land_masses.build(islands, [((0.1, 0.08), (0.12, 0.08))])
+    assert overland.distances(land_masses.build_land_masses(islands), base, [to], 50e3).tolist() == [np.inf]
+    bridged = land_masses.build_land_masses(islands, [((0.1, 0.08), (0.12, 0.08))])
     assert bridged.mass[0] == bridged.mass[1]
     (found,) = overland.distances(bridged, base, [to], 50e3)
     legs = [base, (0.1, 0.08), (0.12, 0.08), to]
@@ -76,7 +76,7 @@ def test_islands_are_apart_until_a_bridge_joins_them():
 def test_round_a_lake():
     """A lake is no way: the way goes round its nearer end."""
     ring = shapely.Polygon(shapely.box(0, 0, 0.3, 0.3).exterior, [shapely.box(0.1, 0.05, 0.2, 0.29).exterior])
-    land = land_masses.build(np.array([ring], object))
+    land = land_masses.build_land_masses(np.array([ring], object))
     (found,) = overland.distances(land, (0.09, 0.1), [(0.21, 0.1)], 60e3)
     legs = [(0.09, 0.1), (0.1, 0.05), (0.2, 0.05), (0.21, 0.1)]
     assert found == pytest.approx(sum(apart(a, b) for a, b in itertools.pairwise(legs)), rel=1e-4)

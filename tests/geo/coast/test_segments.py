@@ -26,7 +26,7 @@ def rectangle(west, south, east, north, step):
 
 
 def coast_of(polygons, box):
-    return edges.build(Shore(np.array(polygons, object), "test"), box)
+    return edges.build_coast(Shore(np.array(polygons, object), "test"), box)
 
 
 ISLAND = rectangle(10.0, -0.15, 10.4, 0.1, 0.0099)  # an edge is at most 1.1 km long
@@ -40,7 +40,7 @@ def island():
 
 @pytest.fixture(scope="module")
 def fiji():
-    return edges.build(shore.land("gshhg", FIJI), FIJI)
+    return edges.build_coast(shore.land("gshhg", FIJI), FIJI)
 
 
 def edge_lengths(built):
@@ -80,7 +80,8 @@ def test_ids_are_the_same_in_every_domain_and_name_what_lies_there():
     boxes = Box(9.5, -0.6, 11.0, 0.5), Box(9.0, -0.9, 12.0, 0.9)
     other = rectangle(11.2, 0.3, 11.6, 0.5, 0.0099)
     one, two = (
-        segments.cut(coast_of(shapes, box)) for shapes, box in zip(([ISLAND], [other, ISLAND]), boxes, strict=True)
+        segments.cut_coast(coast_of(shapes, box))
+        for shapes, box in zip(([ISLAND], [other, ISLAND]), boxes, strict=True)
     )
     assert len(set(two.id)) == len(two.id)
     assert set(one.id) < set(two.id)
@@ -92,7 +93,7 @@ def test_ids_are_the_same_in_every_domain_and_name_what_lies_there():
         )
     mainland = shapely.segmentize(shapely.box(5.0, -2.0, 10.4, 0.1), 0.0099)
     boxes = Box(9.5, -0.6, 11.0, 0.5), Box(9.17, -0.83, 11.0, 0.5)
-    narrow, wide = (segments.cut(coast_of([mainland], box)) for box in boxes)
+    narrow, wide = (segments.cut_coast(coast_of([mainland], box)) for box in boxes)
     assert not set(narrow.id) <= set(wide.id)
     for number, name in enumerate(narrow.id):
         there = segments.placed(wide, name)
@@ -104,7 +105,7 @@ def test_ids_are_the_same_in_every_domain_and_name_what_lies_there():
 def test_a_real_mainland_has_the_same_stretches_in_every_domain():
     """Brittany in a box and in one that reaches farther: what differs lies near the edge of the smaller box."""
     small, large = Box(-5.5, 47.5, -2.0, 49.2), Box(-6.4, 46.8, -0.2, 50.1)
-    narrow, wide = (segments.cut(edges.build(shore.land("gshhg", box), box)) for box in (small, large))
+    narrow, wide = (segments.cut_coast(edges.build_coast(shore.land("gshhg", box), box)) for box in (small, large))
     shared = {name: number for number, name in enumerate(wide.id)}
     inner = [k for k in range(len(narrow.id)) if -4.9 < narrow.lon[k] < -2.8 and narrow.lat[k] > 47.75]
     assert len(inner) > 100
@@ -121,7 +122,7 @@ def test_a_real_mainland_has_the_same_stretches_in_every_domain():
 
 def test_an_island_by_hand(island):
     """Perimeter 2 (0.4 cos(lat) + 0.25) degrees = 144.55 km, between two landmarks: stretches of 9.6 km, as whole edges allow."""
-    cut = segments.cut(island)
+    cut = segments.cut_coast(island)
     check(island, cut)
     around = 2 * 0.25 * DEGREE + 0.4 * DEGREE * (np.cos(np.deg2rad(0.15)) + np.cos(np.deg2rad(0.1)))
     assert cut.length.sum() == pytest.approx(around, rel=1e-6)  # vertices are rounded to 9 mm
@@ -136,7 +137,7 @@ def test_an_island_by_hand(island):
 
 
 def test_half_of_a_segment_lies_on_each_side_of_its_midpoint(island):
-    cut = segments.cut(island, 30_000)
+    cut = segments.cut_coast(island, 30_000)
     for k in range(len(cut.name)):
         where = cut.lines[k].project(shapely.Point(cut.lon[k], cut.lat[k]))
         first = substring(cut.lines[k], 0, where)
@@ -144,7 +145,7 @@ def test_half_of_a_segment_lies_on_each_side_of_its_midpoint(island):
 
 
 def test_names_are_positions(island):
-    cut = segments.cut(island, 200_000)
+    cut = segments.cut_coast(island, 200_000)
     # The only midpoint: opposite the south-west corner, where the ring begins, so at the north-east one.
     assert cut.name == ("00-06.0N 010-24.0E",)
     assert notation.position(-87.5, -28.7) == "28-42.0S 087-30.0W"
@@ -155,7 +156,7 @@ def test_names_are_positions(island):
 def test_between_landmarks_and_up_to_the_box_lengths_are_within_an_eighth(length):
     """A straight coast of 3,300 km that the box cuts at both ends, with edges of 110 m: no landmark lies near an end."""
     coast = coast_of([shapely.segmentize(shapely.box(-5.0, -2.0, 35.0, 0.1), 0.00099)], Box(0.3, -0.4, 30.0, 0.5))
-    cut = segments.cut(coast, length)
+    cut = segments.cut_coast(coast, length)
     assert np.abs(cut.length - length).max() < length / 8 + edge_lengths(coast).max()
 
 
@@ -166,7 +167,7 @@ def test_stretches_do_not_depend_on_the_order_of_the_land(length):
     land = shore.land("gshhg", box)
     shuffled = land.polygons[np.random.default_rng(1).permutation(len(land.polygons))]
     one, two = (
-        segments.cut(edges.build(Shore(polygons, "test", box=box), box), length)
+        segments.cut_coast(edges.build_coast(Shore(polygons, "test", box=box), box), length)
         for polygons in (land.polygons, shuffled)
     )
     assert sum("islets" in name for name in one.name) > 10 or length < 1000
@@ -178,16 +179,16 @@ def test_equal_edges_are_shared_out_the_same_beside_another_island():
     west, south, side = 11.06, 45.04, 0.31
     square = shapely.box(west, south, west + side, south + side)
     triangle = shapely.Polygon([(6.13, 44.71), (6.50, 44.76), (6.24, 45.00)])
-    alone = segments.cut(coast_of([square], Box(9.4, 43.4, 13.2, 47.1)), 3000.0)
-    beside = segments.cut(coast_of([triangle, square], Box(5.3, 43.4, 13.2, 47.1)), 3000.0)
+    alone = segments.cut_coast(coast_of([square], Box(9.4, 43.4, 13.2, 47.1)), 3000.0)
+    beside = segments.cut_coast(coast_of([triangle, square], Box(5.3, 43.4, 13.2, 47.1)), 3000.0)
     assert set(alone.id) < set(beside.id)
 
 
 @pytest.mark.parametrize("turn", [1, 17, 60])
 def test_stretches_do_not_depend_on_where_a_ring_begins(island, turn):
     points = shapely.get_coordinates(ISLAND)[:-1]
-    other = segments.cut(coast_of([shapely.Polygon(np.roll(points, turn, axis=0))], AROUND))
-    assert other.name == segments.cut(island).name
+    other = segments.cut_coast(coast_of([shapely.Polygon(np.roll(points, turn, axis=0))], AROUND))
+    assert other.name == segments.cut_coast(island).name
 
 
 def test_a_ring_cut_by_the_box_is_one_chain():
@@ -195,7 +196,7 @@ def test_a_ring_cut_by_the_box_is_one_chain():
     middle = np.roll(shapely.get_coordinates(ISLAND)[:-1], -20, axis=0)
     for points in (shapely.get_coordinates(ISLAND), middle):
         built = coast_of([shapely.Polygon(points)], Box(9.5, -0.6, 11.0, -0.05))
-        cut = segments.cut(built, 1e6)
+        cut = segments.cut_coast(built, 1e6)
         check(built, cut)
         assert [line.geom_type for line in cut.lines] == ["LineString"]
         assert not cut.lines[0].is_ring
@@ -208,7 +209,7 @@ def test_islets_are_taken_together():
     blocks = [shapely.box(x, y, x + 0.002, y + 0.002) for x, y in places]
     land = shapely.get_parts(shapely.union_all([*blocks, rectangle(2, 0.5, 2.03, 0.52, 0.005)]))
     built = coast_of(land, Box(-1, -1, 6, 1))
-    cut = segments.cut(built)
+    cut = segments.cut_coast(built)
     check(built, cut)
     assert len(cut.name) == 3
     assert sorted(name.split(" near ")[0] for name in cut.name if " near " in name) == ["islets", "islets"]
@@ -219,7 +220,7 @@ def test_islets_are_taken_together():
 
 def test_long_edges_leave_no_empty_segment():
     built = coast_of([shapely.box(1, 1, 2, 1.5)], Box(0, 0, 3, 2))
-    cut = segments.cut(built, 1000)
+    cut = segments.cut_coast(built, 1000)
     check(built, cut)
     assert len(cut.name) > 150  # of 333 km: edges are 2.4 km long at most, and not split
     assert cut.length.max() < 2500
@@ -228,7 +229,7 @@ def test_long_edges_leave_no_empty_segment():
 def test_equal_names_are_told_apart():
     blocks = [shapely.box(x, 1, x + 1e-4, 1 + 1e-4) for x in (1, 1.0003)]
     built = coast_of(blocks, Box(0, 0, 2, 2))
-    cut = segments.cut(built, 20)
+    cut = segments.cut_coast(built, 20)
     check(built, cut)
     names = [cut.name[k] for k in np.argsort(cut.id)]  # counted in the order of ids
     assert names[:3] == [names[0], f"{names[0]} (2)", f"{names[0]} (3)"]
@@ -236,7 +237,7 @@ def test_equal_names_are_told_apart():
 
 def test_no_coast(tmp_path):
     built = coast_of([], AROUND)
-    cut = segments.cut(built)
+    cut = segments.cut_coast(built)
     assert (cut.name, cut.length.size, cut.of_edge.size, len(cut.lines)) == ((), 0, 0, 0)
     assert segments.nearest(cut, built, 10.0, 0.0) == (-1, np.inf)
     path = geojson(tmp_path / "some.geojson", (shapely.box(10, 0, 10.1, 0.2), {"name": "nowhere"}))
@@ -247,7 +248,7 @@ def test_no_coast(tmp_path):
 @pytest.mark.parametrize("length", [0.0, -1.0, np.nan, np.inf])
 def test_lengths_that_are_none(island, length):
     with pytest.raises(ValueError, match="more than 0"):
-        segments.cut(island, length)
+        segments.cut_coast(island, length)
 
 
 # Real coasts
@@ -255,8 +256,8 @@ def test_lengths_that_are_none(island, length):
 
 @pytest.mark.parametrize("box", [FIJI, Box(4.5, 60, 6.5, 61.5), Box(-91, 28.5, -88.5, 30.5)])
 def test_real_coasts(box):
-    built = edges.build(shore.land("gshhg", box), box)
-    cut = segments.cut(built)
+    built = edges.build_coast(shore.land("gshhg", box), box)
+    cut = segments.cut_coast(built)
     check(built, cut)
     alone = np.array([" near " not in name for name in cut.name])
     # Each runs on without a gap, and is between half and one and a half of what was asked, give or take an edge.
@@ -274,7 +275,7 @@ def test_real_coasts(box):
 
 
 def test_taveuni_is_one_ring_across_the_antimeridian(fiji):
-    cut = segments.cut(fiji, 120_000)  # its perimeter by shapely and pyproj
+    cut = segments.cut_coast(fiji, 120_000)  # its perimeter by shapely and pyproj
     on_both = [k for k, line in enumerate(cut.lines) if line.bounds[0] < 180 < line.bounds[2]]
     rings = [cut.lines[k] for k in on_both if cut.lines[k].geom_type == "LineString" and cut.lines[k].is_ring]
     assert any(shapely.Polygon(ring).contains(shapely.Point(180, -16.9)) for ring in rings)
@@ -285,7 +286,7 @@ def test_taveuni_is_one_ring_across_the_antimeridian(fiji):
 
 def test_nearest_against_brute_force(fiji):
     """The nearest of points every 20 m along all lines: at 1 km or more from the shore, 10 m aside add 5 cm."""
-    cut = segments.cut(fiji)
+    cut = segments.cut_coast(fiji)
     points, owner = shapely.get_coordinates(shapely.segmentize(cut.lines, 20 / DEGREE), return_index=True)
     rng = np.random.default_rng(5)
     tested = 0
@@ -304,7 +305,7 @@ def test_far_north_the_sphere_tells_which_is_nearest():
     """By a plane the island 20 degrees east is farther than the one to the north; by the great circle it is nearer."""
     east, north = shapely.box(20.0, 79.99, 20.01, 80.0), shapely.box(-0.01, 83.465, 0.01, 83.475)
     built = coast_of([east, north], Box(-5, 79, 25, 85))
-    cut = segments.cut(built)
+    cut = segments.cut_coast(built)
     away = [EARTH.inv(0.0, 80.0, 20.0, 80.0)[2], EARTH.inv(0.0, 80.0, 0.0, 83.465)[2]]
     assert away[0] < away[1] < 20 * np.cos(np.radians(80.0)) * DEGREE
     segment, distance = segments.nearest(cut, built, 0.0, 80.0)
@@ -313,7 +314,7 @@ def test_far_north_the_sphere_tells_which_is_nearest():
 
 
 def test_nearest_from_both_sides_of_180(fiji):
-    cut = segments.cut(fiji)
+    cut = segments.cut_coast(fiji)
     here, there = segments.nearest(cut, fiji, 180.0, -17.2), segments.nearest(cut, fiji, -180.0, -17.2)
     assert here == (there[0], pytest.approx(there[1], abs=1e-6))
     west, east = segments.nearest(cut, fiji, 179.9999, -17.2), segments.nearest(cut, fiji, -179.9999, -17.2)

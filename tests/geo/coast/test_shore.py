@@ -64,8 +64,8 @@ def test_inner_rings_are_land_unless_asked_for(tmp_path):
     assert same_land(wet, shapely.union(HOLED, ISLE))
     assert any("2 lakes of the shoreline are water" in note for note in wet.notes)
     points = sphere.to_binary([(1.2, 1.2), (1.5, 1.5), (2.7, 1.0), (0.5, 0.5)])
-    np.testing.assert_array_equal(edges.is_land(edges.build(land, BOX), *points.T), [True, True, True, True])
-    np.testing.assert_array_equal(edges.is_land(edges.build(wet, BOX), *points.T), [False, True, False, True])
+    np.testing.assert_array_equal(edges.is_land(edges.build_coast(land, BOX), *points.T), [True, True, True, True])
+    np.testing.assert_array_equal(edges.is_land(edges.build_coast(wet, BOX), *points.T), [False, True, False, True])
 
 
 def test_a_sea_between_several_polygons_is_no_lake(tmp_path):
@@ -125,7 +125,7 @@ def test_a_lake_across_the_antimeridian(tmp_path):
     box = Box(177, 9, 183, 14)
     cut = shore.land(land, box, lakes=lakes)
     assert same_land(cut, shapely.difference(shapely.box(178, 10, 182, 13), shapely.box(179, 11, 180.5, 12)))
-    built = edges.build(cut, box)
+    built = edges.build_coast(cut, box)
     lon, lat = sphere.to_binary([179.5, 180, -180, -179.7, -179.3]), sphere.to_binary([11.5] * 5)
     np.testing.assert_array_equal(edges.is_land(built, lon, lat), [False, False, False, False, True])
     assert not (edges.edges(built)[:, [0, 2]] == -(2**31)).all(axis=1).any()
@@ -197,9 +197,9 @@ def test_lakes_of_louisiana_on_gshhg():
         pytest.skip(f"no {path}: set DRIFT_DATA")
     box = Box(-90.9, 30.0, -90.0, 30.5)
     lake = sphere.to_binary([-90.499, 30.257])
-    assert edges.is_land(edges.build(shore.land("gshhg", box), box), *lake)
+    assert edges.is_land(edges.build_coast(shore.land("gshhg", box), box), *lake)
     land = shore.land("gshhg", box, lakes=path)
-    assert not edges.is_land(edges.build(land, box), *lake)
+    assert not edges.is_land(edges.build_coast(land, box), *lake)
     assert any("lakes of LA_shoreline.bna" in note for note in land.notes)
 
 
@@ -211,7 +211,7 @@ def test_a_box_on_the_open_ocean():
     box = Box(-140.4, 29.5, -138.2, 31.1)
     land = shore.land("gshhg", box)
     assert land.polygons.size == 0
-    built = edges.build(land, box)
+    built = edges.build_coast(land, box)
     assert edges.edges(built).shape == (0, 4)
     assert not edges.is_land(built, sphere.to_binary([-140.0, -139.0]), sphere.to_binary([30.0, 31.0])).any()
     device = crossing.upload(built)
@@ -251,7 +251,7 @@ def test_coast_at_the_cut(box, on_land):
     assert ((at_cut[:, 2] == 2**31) | (at_cut[:, 0] == 2**31)).sum() >= 2  # this is where they are cut
     tree = shapely.STRtree(raw)
 
-    built = edges.build(shore.land("gshhg", box), box)
+    built = edges.build_coast(shore.land("gshhg", box), box)
     device = crossing.upload(built)
     rng = np.random.default_rng(17)
     n = 20_000

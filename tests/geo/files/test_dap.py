@@ -32,7 +32,7 @@ def served(monkeypatch: pytest.MonkeyPatch):
 
     def read(content: bytes, shape: tuple[int, ...], dtype: type) -> np.ndarray:
         monkeypatch.setattr(web, "get", lambda address, timeout, most: content)
-        return dap.read("http://x/sea", "u", [slice(0, size) for size in shape], np.dtype(dtype), 1.0)
+        return dap.read_variable("http://x/sea", "u", [slice(0, size) for size in shape], np.dtype(dtype), 1.0)
 
     return read
 

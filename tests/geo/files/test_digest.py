@@ -59,18 +59,18 @@ def current(path: Path, **storage: object) -> Path:
 def test_digests_are_sha256_of_all_that_is_there(tmp_path: Path) -> None:
     path = tmp_path / "a.bin"
     path.write_bytes(np.random.default_rng(2).bytes(9_000_017))  # more than two chunks
-    assert digest.of(str(path)) == f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}"
+    assert digest.digest_of(str(path)) == f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}"
     path.write_bytes(path.read_bytes()[:-1] + b"x")
-    assert digest.of(str(path)) == f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}"
+    assert digest.digest_of(str(path)) == f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}"
     with pytest.raises(OSError, match="gone"):
-        digest.of(str(tmp_path / "gone"))
+        digest.digest_of(str(tmp_path / "gone"))
     store = tmp_path / "a.zarr"
     (store / "u").mkdir(parents=True)
     (store / "u" / "0").write_bytes(b"12")
-    before = digest.of(str(store)), digest.size(str(store))
+    before = digest.digest_of(str(store)), digest.size(str(store))
     assert before[1] == 2
     (store / "u" / "0").rename(store / "u" / "1")
-    assert digest.of(str(store)) != before[0]
+    assert digest.digest_of(str(store)) != before[0]
 
 
 def test_a_summary_holds_the_digest_of_every_input_file(tmp_path: Path) -> None:
@@ -108,4 +108,4 @@ def test_bytes_damaged_under_a_checksum_are_noticed(tmp_path: Path) -> None:
                 assert (
                     np.abs(sources.open_source("current", tmp_path / f"{k}.nc", steady=True).read(0) - true).max() > 0
                 )
-            assert digest.of(str(tmp_path / f"{k}.nc")) != digest.of(str(name))
+            assert digest.digest_of(str(tmp_path / f"{k}.nc")) != digest.digest_of(str(name))

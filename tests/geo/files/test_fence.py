@@ -44,7 +44,7 @@ def fenced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (inside / "x.zarr" / "zarr.json").symlink_to(secret / "wind.txt")
     monkeypatch.setenv("A_SECRET", "hunter2")
     held = fence.Fence((inside.resolve(),), frozenset({"thredds.example.org", "localhost:8080"}))
-    monkeypatch.setenv(fence.NAME, fence.text(held))
+    monkeypatch.setenv(fence.NAME, fence.fence_text(held))
     return inside
 
 
@@ -80,7 +80,7 @@ OPENERS: dict[str, Callable[[Path], object]] = {
     "a Zarr store with a link in it": lambda folder: dataset.open_one(str(folder / "x.zarr"), "current"),
     "an address": lambda folder: dataset.open_one("http://127.0.0.1:1/x", "current"),
     "a small file": lambda folder: small.contents(folder / "folder" / "wind.txt"),
-    "a digest": lambda folder: digest.of(str(folder / "link.nc")),
+    "a digest": lambda folder: digest.digest_of(str(folder / "link.nc")),
     "a shoreline": lambda folder: shore.land(str(folder / "folder" / "wind.txt"), BOX),
     "a case": lambda folder: case_file.load(folder / "folder" / "wind.txt"),
 }
@@ -196,7 +196,7 @@ def test_a_store_whose_folders_are_links(fenced: Path) -> None:
     (store / "zarr.json").write_text("{}", encoding="utf-8")
     (store / "u").symlink_to(inner)
     (inner / "0").symlink_to(fenced.parent / "secret" / "wind.txt")
-    for opener in (lambda: dataset.open_one(str(store), "current"), lambda: digest.of(str(store))):
+    for opener in (lambda: dataset.open_one(str(store), "current"), lambda: digest.digest_of(str(store))):
         with pytest.raises(UserError, match=OUT):
             opener()
 

@@ -498,7 +498,7 @@ def test_damaged_bytes_never_end_the_process(tmp_path: Path) -> None:
 
 def test_a_library_that_crashes_or_hangs_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(tmp_path / "a.grib", pair(REGULAR))
-    raw = messages.whole(messages.cut(str(path))[0])
+    raw = messages.whole(messages.split_messages(str(path))[0])
     first = decoder._running().process
     first.kill()
     first.wait()

@@ -24,7 +24,7 @@ print("read" if (values == 0.25).all() else values)
 
 def done(code: str, *given: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """Return what a process prints whose fence is a folder."""
-    monkeypatch.setenv(fence.NAME, fence.text(fence.Fence((folder,))))
+    monkeypatch.setenv(fence.NAME, fence.fence_text(fence.Fence((folder,))))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     one = subprocess.run([sys.executable, "-c", code, *given], cwd=folder, capture_output=True, text=True, timeout=120)
     return one.stdout + one.stderr
@@ -123,7 +123,7 @@ def test_nothing_outside_the_served_folder_is_written(inside: Path, monkeypatch:
     allowed.mkdir()
     (allowed / "own").write_text("own", encoding="utf-8")
     (inside / "out").symlink_to(allowed / "own")
-    monkeypatch.setenv(fence.NAME, fence.text(fence.Fence((inside, allowed), writable=(inside,))))
+    monkeypatch.setenv(fence.NAME, fence.fence_text(fence.Fence((inside, allowed), writable=(inside,))))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     (inside.parent / "scratch").mkdir()
     one = subprocess.run(

@@ -98,7 +98,7 @@ def test_a_redirect_leads_nowhere_that_may_not_be_asked(monkeypatch: pytest.Monk
         with hostile.serving(lambda connection, target: connection.sendall(redirect)) as address:
             assert web.get(address, 5.0, 100) == b"secret"
             host = address.split("/")[2]
-            monkeypatch.setenv(fence.NAME, fence.text(fence.Fence((), frozenset({host}))))
+            monkeypatch.setenv(fence.NAME, fence.fence_text(fence.Fence((), frozenset({host}))))
             seen.clear()
             with pytest.raises(UserError, match="may not be asked"):
                 web.get(address, 5.0, 100)

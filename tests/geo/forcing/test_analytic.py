@@ -14,13 +14,13 @@ START, END = np.datetime64("2026-11-21T18:30:00"), np.datetime64("2026-11-23T06:
 
 def velocity(kind: str, box: Box, x: float, y: float, seconds: float, **parameters: float) -> np.ndarray:
     quantity = "wind" if kind == "breeze" else "current"
-    return np.array([float(v) for v in analytic.build(quantity, kind, box, **parameters)[0](x, y)(seconds)])
+    return np.array([float(v) for v in analytic.build_flow(quantity, kind, box, **parameters)[0](x, y)(seconds)])
 
 
 @pytest.mark.parametrize("kind", ["gulf", "stommel_gyre"])
 def test_currents_have_no_divergence(kind: str) -> None:
     rng = np.random.default_rng(2)
-    flow = analytic.build("current", kind, GULF)[0]
+    flow = analytic.build_flow("current", kind, GULF)[0]
     lon, lat, h = rng.uniform(-94, -81, 300), rng.uniform(23, 29, 300), 0.01
     seconds = 3.3e5
     east = (flow(lon + h, lat)(seconds)[0] - flow(lon - h, lat)(seconds)[0]) / (2 * h)

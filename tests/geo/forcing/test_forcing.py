@@ -627,10 +627,10 @@ def test_constant_and_table() -> None:
     assert source.grid.seamless
     np.testing.assert_array_equal(source.read(0), np.broadcast_to([3.0, -4.0], (2, 2, 2)))
     times = np.array(["2024-03-05T00", "2024-03-05T06"], Z)
-    source = forcing.table("current", times, [0.1, 0.2], [0.3, -0.4])
+    source = forcing.uniform_field("current", times, [0.1, 0.2], [0.3, -0.4])
     np.testing.assert_array_equal(source.read(1)[1, 0], np.array([0.2, -0.4], np.float32))
     with pytest.raises(UserError, match="times must increase"):
-        forcing.table("current", times[::-1], [0.1, 0.2], [0.3, -0.4])
+        forcing.uniform_field("current", times[::-1], [0.1, 0.2], [0.3, -0.4])
     with pytest.raises(UserError, match="not a finite"):
         forcing.constant("wind", np.nan, 0.0)
 

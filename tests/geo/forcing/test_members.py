@@ -104,7 +104,7 @@ def test_a_part_of_shared_files_has_their_members(tmp_path: Path) -> None:
     opened = sources.open_shared("current", tmp_path / "a.nc", members=True)
     box = Box(4.4, 59.4, 5.6, 60.6)
     part, alone = (
-        sources.cut(sources.keep(opened, box), box),
+        sources.part_of_source(sources.keep(opened, box), box),
         sources.open_source("current", tmp_path / "a.nc", members=True, box=box),
     )
     assert part.grid == alone.grid

@@ -256,7 +256,10 @@ def test_a_reference_system_is_that_of_pyproj(earth: dict[str, float]) -> None:
     pole = {"grid_north_pole_latitude": 40.0, "grid_north_pole_longitude": -170.0}
     mapping = {"grid_mapping_name": "rotated_latitude_longitude"} | pole | earth
     for more in ({}, {"longitude_of_prime_meridian": 2.5}):
-        assert reference_system.of(mapping | more).to_json() == pyproj.CRS.from_cf(mapping | more).to_json()
+        assert (
+            reference_system.parse_reference_system(mapping | more).to_json()
+            == pyproj.CRS.from_cf(mapping | more).to_json()
+        )
 
 
 @pytest.mark.parametrize(("kind", "times"), [("curved, true components", 1), ("ROMS, own points, angle in degrees", 2)])

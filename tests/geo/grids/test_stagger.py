@@ -192,8 +192,8 @@ def test_points_beyond_both_ends(tmp_path: Path) -> None:
 def test_midway_round_the_earth() -> None:
     """Midway is on the great circle, over the antimeridian, over the pole and across the seam."""
     lon, lat = np.meshgrid(np.arange(5.0, 360.0, 10.0), [60.0, 89.0])
-    x, y = stagger.moved(lon, lat, lon.shape, (0.0, 0.5), 0)
+    x, y = stagger.midpoints(lon, lat, lon.shape, (0.0, 0.5), 0)
     np.testing.assert_allclose((x - lon + 180.0) % 360.0 - 180.0, 5.0, atol=1e-9)
     np.testing.assert_allclose(np.tan(np.radians(y)), np.tan(np.radians(lat)) / np.cos(np.radians(5.0)), rtol=1e-12)
-    x, y = stagger.moved(lon, lat, lon.shape, (0.0, -0.5), 0)
+    x, y = stagger.midpoints(lon, lat, lon.shape, (0.0, -0.5), 0)
     np.testing.assert_allclose((x - lon + 180.0) % 360.0 - 180.0, -5.0, atol=1e-9)

@@ -106,14 +106,14 @@ def test_files_and_fingerprints_name_the_card_and_its_driver(
 ) -> None:
     case = case_of(tmp_path, 100)
     where = run_setup.open_for(case)
-    plain, alone = run_metadata.attributes(case, where), fingerprint.of(case, where, 1)
+    plain, alone = run_metadata.attributes(case, where), fingerprint.fingerprint_of(case, where, 1)
     assert plain["backend"] == alone[work.BACKEND] == "cpu"
     assert "device" not in plain
     on_card(80 * GIB)
     monkeypatch.setattr(fingerprint, "of_machine", dict)
     told = run_metadata.attributes(case, where)
     assert (told["backend"], told["device"]) == ("cuda", "Card, driver 550.54, CUDA 12.4")
-    assert fingerprint.of(case, where, 1)[work.BACKEND] == "cuda: Card, driver 550.54, CUDA 12.4"
+    assert fingerprint.fingerprint_of(case, where, 1)[work.BACKEND] == "cuda: Card, driver 550.54, CUDA 12.4"
     before = {**told, "coast": {"source": told["coast"]}, "device": "Card, driver 470.1, CUDA 11.4"}
     assert "the device" in run_metadata.changed(case, where, before)
     assert "the device" not in run_metadata.changed(case, where, {**before, "device": told["device"]})
@@ -122,11 +122,11 @@ def test_files_and_fingerprints_name_the_card_and_its_driver(
 def test_another_backend_begins_anew_and_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """A run in shards that was stopped on a card goes on there alone."""
     out, mark = tmp_path / "out", {"the case": "x", work.BACKEND: "cuda: Card, CUDA 12.4", work.NUMBER: "2"}
-    with shelf.opened(out, mark, 0) as kept:
+    with shelf.open_shelf(out, mark, 0) as kept:
         (kept.folder / "shard-0.json").write_text("{}", encoding="utf-8")
-    with shelf.opened(out, mark, 0):
+    with shelf.open_shelf(out, mark, 0):
         assert "1 shards of this run were finished before: it goes on from there" in caplog.text
-    with shelf.opened(out, {**mark, work.BACKEND: "cuda: Card, CUDA 12.6"}, 0) as kept:
+    with shelf.open_shelf(out, {**mark, work.BACKEND: "cuda: Card, CUDA 12.6"}, 0) as kept:
         assert "an unfinished run is there, but the backend changed since: it starts again" in caplog.text
         assert not list(kept.folder.glob("shard-*"))
 
@@ -134,7 +134,7 @@ def test_another_backend_begins_anew_and_says_so(tmp_path: Path, caplog: pytest.
 def test_auto_goes_on_where_an_unfinished_run_was(tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert shelf.settled("auto", out) == "auto"
-    with shelf.opened(out, {work.BACKEND: "cuda: Card, CUDA 12.4"}, 0) as kept:
+    with shelf.open_shelf(out, {work.BACKEND: "cuda: Card, CUDA 12.4"}, 0) as kept:
         assert shelf.settled("auto", out) == "cuda"
         assert shelf.settled("cpu", out) == "cpu"  # who asks for one gets it
         assert shelf.settled("auto", out, client=object()) == "auto"

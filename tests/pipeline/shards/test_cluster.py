@@ -92,7 +92,7 @@ def test_workers_see_whether_there_is_forcing_as_the_run_begins(
     monkeypatch.setattr(divide, "begun", lambda *given: pytest.fail("the one process draws"))
     runs.same(drift.run(case, tmp_path / "out", client=client, shards=5), made)
     monkeypatch.undo()
-    monkeypatch.setattr(cluster, "moved", lambda *given: pytest.fail("it moves"))
+    monkeypatch.setattr(cluster, "move_shards_on_cluster", lambda *given: pytest.fail("it moves"))
     monkeypatch.setattr(unit.Unit, "move", lambda *given: pytest.fail("it moves"))
     writers.regular(tmp_path / "current.nc")
     for text in (  # all on land, and more than half where there is no current
@@ -157,7 +157,7 @@ def test_workers_of_another_kind_are_refused(
 def test_a_worker_that_comes_late_is_asked_too(client: Any, case: drift.Case) -> None:
     """What does not see the same is refused with the shard that it was given, whenever it came."""
     where = run_setup.open_for(case)
-    mark = fingerprint.of(case, where, 3)
+    mark = fingerprint.fingerprint_of(case, where, 3)
     for name, other in (("the processor's arithmetic", "vax 0"), ("the forcing", "another"), ("the coast", "none")):
         told = client.submit(worker.begun, case, {**mark, name: other}, None, None, pure=False)
         with pytest.raises(drift.UserError, match=f"{name} is not what it is where the run was started"):

@@ -108,7 +108,7 @@ def test_where_and_when_particles_begin_is_drawn_alike_without_how_they_move(tmp
     where = run_setup.open_for(case)
     spec, coast = run_setup.spec_of(case, where), coasts.upload(where.coast)
     own = prior.layout(spec).shards(4)[1]
-    whole, still = (prior.draw(spec, coast, own, still=still) for still in (False, True))
+    whole, still = (prior.draw_ensemble(spec, coast, own, still=still) for still in (False, True))
     assert np.array_equal(whole.tried, still.tried)
     assert {*still.ensemble.columns} < {*whole.ensemble.columns}
     for name, column in still.ensemble.columns.items():

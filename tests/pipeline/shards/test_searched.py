@@ -13,7 +13,7 @@ import shards as runs
 import drift
 from drift.case import case_digest
 from drift.engine.particles.ensemble import Ensemble
-from drift.evidence.filter.filter import Search
+from drift.evidence.filter.filter import SearchFilter
 from drift.pipeline import flow
 from drift.pipeline.shards import unit, work
 from drift.products.files import hidden
@@ -338,7 +338,7 @@ def test_a_stretch_whose_begin_is_gone_begins_anew(
     """A stretch is altered after the state from which it went on has been taken away."""
     (case, whole), out = searched, tmp_path / "out"
     monkeypatch.setattr(work.Work, "drop", lambda self: None)
-    monkeypatch.setattr(flow, "made", lambda *given: (_ for _ in ()).throw(Killed))
+    monkeypatch.setattr(flow, "build_result", lambda *given: (_ for _ in ()).throw(Killed))
     with pytest.raises(Killed):
         drift.run(case, out, shards=3)
     monkeypatch.undo()
@@ -417,7 +417,7 @@ def test_a_shard_that_is_done_leaves_nothing_in_memory(
     move = unit.Unit.move
 
     def alive() -> int:
-        return sum(isinstance(what, Ensemble | Search) for what in gc.get_objects())
+        return sum(isinstance(what, Ensemble | SearchFilter) for what in gc.get_objects())
 
     def moved(self: unit.Unit, *rest: Any) -> Any:
         before = alive()
@@ -426,7 +426,7 @@ def test_a_shard_that_is_done_leaves_nothing_in_memory(
         return reel
 
     monkeypatch.setattr(unit.Unit, "move", moved)
-    monkeypatch.setattr(flow, "made", lambda job, run: None)
+    monkeypatch.setattr(flow, "build_result", lambda job, run: None)
     gc.collect()
     gc.disable()
     try:

@@ -53,8 +53,8 @@ def unwritten(monkeypatch: pytest.MonkeyPatch) -> None:
 def read(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Return the slices that are regridded, as they are."""
     numbers: list[int] = []
-    carry = tile.read
-    monkeypatch.setattr(tile, "read", lambda of, i: (numbers.append(i), carry(of, i))[1])
+    carry = tile.read_tile
+    monkeypatch.setattr(tile, "read_tile", lambda of, i: (numbers.append(i), carry(of, i))[1])
     return numbers
 
 

@@ -122,7 +122,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> drift.Case:
 @pytest.fixture(scope="module")
 def made(case: drift.Case) -> drift.Result:
     """Return the result in one piece, of two rounds."""
-    with flow.kept(run_options.opened(case)) as result:
+    with flow.kept(run_options.open_job(case)) as result:
         after = result.aftermath
         assert after is not None
         assert len(after.rounds) == 2
@@ -201,20 +201,20 @@ def test_no_more_than_a_part_is_read_at_once(
     Products read as many and, where they cut a class, up to a block of it more: 6,000 are in a shard.
     """
     most, block = 32 * 70, 32 * 42
-    read, noted, sizes = spool.Reel.read, spool.Reel.noted, []
+    read, noted, sizes = spool.ShardFile.read, spool.ShardFile.noted, []
 
-    def reading(reel: spool.Reel, name: str, at: int | None, first: int, last: int) -> np.ndarray:
+    def reading(reel: spool.ShardFile, name: str, at: int | None, first: int, last: int) -> np.ndarray:
         sizes.append(last - first)
         return read(reel, name, at, first, last)
 
-    def noting(reel: spool.Reel, name: str, *given: int) -> np.ndarray:
+    def noting(reel: spool.ShardFile, name: str, *given: int) -> np.ndarray:
         values = noted(reel, name, *given)
         sizes.append(values.size // 16)  # stays are rows of 4, and some particles have several
         return values
 
     monkeypatch.setattr(spool, "PART", most)
-    monkeypatch.setattr(spool.Reel, "read", reading)
-    monkeypatch.setattr(spool.Reel, "noted", noting)
+    monkeypatch.setattr(spool.ShardFile, "read", reading)
+    monkeypatch.setattr(spool.ShardFile, "noted", noting)
     same(drift.run(case, shards=2), made)
     assert most <= max(sizes) < most + block
 

@@ -40,7 +40,7 @@ def test_cells_that_are_filled_are_those_that_are_processed(tmp_path: Path, monk
 
     monkeypatch.setattr(Axes, "barh", seen)
     monkeypatch.setattr(Axes, "text", said)
-    processing_map.draw(found, hearing, names, tmp_path / "a.png", Imprint("Nine beams", "a foot"))
+    processing_map.plot_processing(found, hearing, names, tmp_path / "a.png", Imprint("Nine beams", "a foot"))
     heights = sorted({y for _, y in bars}, reverse=True)  # the first beam on top
     used = sorted({beam for beams in found.chosen for beam in beams})
     edges = names.edges.astype("datetime64[s]").astype(float)
@@ -66,7 +66,9 @@ def test_it_is_drawn_at_any_size_and_twice_the_same(tmp_path: Path, slots: int, 
     names = records.names(hearing, START, 6 * 3600.0)
     for name in ("a.png", "b.png"):
         with matplotlib.rc_context({"text.parse_math": False}):
-            processing_map.draw(found, hearing, names, tmp_path / name, Imprint("A $ title", "foot", {}, "SYNTHETIC"))
+            processing_map.plot_processing(
+                found, hearing, names, tmp_path / name, Imprint("A $ title", "foot", {}, "SYNTHETIC")
+            )
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     with Image.open(tmp_path / "a.png") as image:
         assert image.width == 1680

@@ -87,7 +87,7 @@ def grid(sea, side, courses, time):
 def test_no_way_of_a_grid_is_better(seed, m, side, courses):
     some = tracks(seed, m=m)
     sea = ways.sea(ship(seed), BEGIN, BEGIN + 18 * 3600)
-    plan = placement.place([sea], some, seed)
+    plan = placement.best_ways([sea], some, seed)
     hearer = heard.hearer(sea, some)
     every = grid(sea, side, courses, some.time)
     best = placement.worth(hearer, every, some.weight[:, None], placement.FINE).max()
@@ -103,7 +103,7 @@ def test_what_a_way_hears_is_what_the_search_hears():
     way = Ways(lon, lat, np.array([2.1]), np.array([2.9]), np.array([0.4]))
     hearer = heard.hearer(sea, some)
     ours = heard.missed(hearer, way, 0.0, 100.0)[0]
-    at = [x[0] for x in ways.at(sea, way, some.time)]
+    at = [x[0] for x in ways.ships_at(sea, way, some.time)]
     sees, rate = own.sensor.sees, 1 / 3600
     told = np.empty(ours.shape)
     for i in range(some.m):
@@ -161,7 +161,7 @@ def recursion(excess, spread, rate, part):
 def test_two_ships_share_the_work():
     some = tracks(4, m=500)
     seas = [ways.sea(ship(4, name, legs=2), BEGIN, BEGIN + 18 * 3600) for name in ("one", "two")]
-    plan = placement.place(seas, some, 2)
+    plan = placement.best_ways(seas, some, 2)
     alone = max(placed.value for placed in plan.placed)
     assert plan.value > alone + 0.02
     assert plan.value == pytest.approx(alone + min(placed.adds for placed in plan.placed), abs=0.05)
@@ -202,7 +202,7 @@ def test_bound_holds_against_what_is_better_than_any_ship(seed):
     """A ship that jumps at each slot to the best of all places still hears no more than the bound says."""
     some = tracks(seed, m=300)
     sea = ways.sea(ship(seed, where=(-40, -40, 40, 40), allowed=box(-90, -90, 90, 90)), BEGIN, BEGIN + 18 * 3600)
-    plan = placement.place([sea], some, seed)
+    plan = placement.best_ways([sea], some, seed)
     found = placement_bound.bound([sea], some, plan)
     assert found.plan <= found.value
     hearer = heard.hearer(sea, planning_tracks.coarser(some, placement.BINS))
@@ -218,7 +218,7 @@ def test_a_bound_that_says_something():
     own = sonar(11, losses=water, levels=loud)
     tow = ship(11, sensor=Sensor("array", own), where=(-20, -20, 20, 20), allowed=box(-30, -30, 30, 30))
     sea = ways.sea(tow, BEGIN, BEGIN + 6 * 3600)
-    found = placement_bound.bound([sea], some, placement.place([sea], some, 1))
+    found = placement_bound.bound([sea], some, placement.best_ways([sea], some, 1))
     assert 0.85 < found.plan / found.value <= 1
     assert found.value < 1
 
@@ -230,7 +230,7 @@ def test_ways_keep_to_what_is_asked():
         base=tuple(np.degrees(sphere.destination(*MIDDLE, -100 * NMI, 0.0))), transit_speed=14 * KNOT,
     )  # fmt: skip
     sea = ways.sea(asked, BEGIN, BEGIN + 18 * 3600)
-    plan = placement.place([sea], some, 3)
+    plan = placement.best_ways([sea], some, 3)
     way = plan.placed[0].way
     legs = ways.legs(sea, way, 0)
     lon, lat = np.radians(legs.lon), np.radians(legs.lat)
@@ -247,11 +247,11 @@ def test_ways_keep_to_what_is_asked():
 def test_a_ship_that_cannot_go_anywhere_says_so():
     sea = ways.sea(ship(1, allowed=box(200, 200, 210, 210)), BEGIN, BEGIN + 18 * 3600)
     with pytest.raises(ValueError, match="ship has no way"):
-        placement.place([sea], tracks(1, m=500), 1)
+        placement.best_ways([sea], tracks(1, m=500), 1)
 
 
 def test_the_same_seed_gives_the_same_plan():
     some, sea = tracks(9, m=600), ways.sea(ship(9), BEGIN, BEGIN + 18 * 3600)
-    a, b = (placement.place([sea], some, 4) for _ in range(2))
+    a, b = (placement.best_ways([sea], some, 4) for _ in range(2))
     assert a.value == b.value
     assert a.placed[0].way.lon == b.placed[0].way.lon

@@ -28,7 +28,7 @@ def made(**more: object) -> tuple[Hearing, Allocation, Names]:
 
 def test_the_table_says_what_is_processed_and_what_it_is_worth() -> None:
     hearing, found, names = made()
-    text = processing_text.text(found, hearing, names, "Four beams", "abc-s1")
+    text = processing_text.processing_as_text(found, hearing, names, "Four beams", "abc-s1")
     # First slot: left beam, 3 * 0.5 of 4. Second: left would add 3 * 0.5 * 0.25 = 0.375, right 0.6: right.
     assert found.chosen == ((0,), (1,))
     assert "Heard at least once: 0.525; no choice of beams is worth more" in text
@@ -56,7 +56,7 @@ def test_rows_are_for_programs_and_no_spreadsheet_runs_them() -> None:
 
 def test_what_a_processor_does_that_works_on_nothing() -> None:
     hearing, found, names = made(manned=np.array([[True], [False]]), cost=np.full((2, 4), 2.0))
-    text = processing_text.text(found, hearing, names, "Four beams", "abc-s1")
+    text = processing_text.processing_as_text(found, hearing, names, "Four beams", "abc-s1")
     assert "P1: idle: no beam adds anything" in text
     assert "P1: off" in text
     assert "What would add most on top of all this: no beam." in text
@@ -67,7 +67,7 @@ def test_what_a_processor_does_that_works_on_nothing() -> None:
 
 def test_numbers_are_shares_that_json_holds() -> None:
     hearing, found, names = made()
-    told = formats.plain(processing_text.numbers(found, hearing, names))
+    told = formats.plain(processing_text.summary_of_processing(found, hearing, names))
     assert told["heard"] == pytest.approx(0.525)
     assert told["slots"][1]["beams"] == {"P1": "SOSUS west south"}
     assert told["slots"][1]["time"] == "2026-06-01T06:00:00Z"

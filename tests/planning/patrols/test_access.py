@@ -45,8 +45,8 @@ def unit(more, length="40 km", name="team"):
 
 
 def walkable(case):
-    coast = edges.build(Shore(np.array([BAY, WEST, EAST], object), "test", box=AROUND.grown(1, 1)), AROUND)
-    segments = evidence.cut(case.spill, coast)
+    coast = edges.build_coast(Shore(np.array([BAY, WEST, EAST], object), "test", box=AROUND.grown(1, 1)), AROUND)
+    segments = evidence.cut_stretches(case.spill, coast)
     teams = access.of_teams(case.spill.teams, segments, lambda box: coast.polygons, lambda: coast.polygons)
     return segments, teams
 
@@ -174,8 +174,8 @@ def test_a_town_across_water_is_not_what_a_shore_lies_near(tmp_path, monkeypatch
         ("east", False),
         ("main", False),
     ]
-    assert gazetteer.words(near[0]) == "near main, across water"
-    assert gazetteer.words(near[3]) == f"{math.hypot(0.2, 0.01) * DEGREE / 1000:.0f} km from main"
+    assert gazetteer.place_in_words(near[0]) == "near main, across water"
+    assert gazetteer.place_in_words(near[3]) == f"{math.hypot(0.2, 0.01) * DEGREE / 1000:.0f} km from main"
     assert [town.name for town in gazetteer.nearest(*np.array(at).T)] == ["main", "east", "east", "east"]
 
 
@@ -187,5 +187,5 @@ def test_a_whole_plan_crosses_no_water(tmp_path):
     segments = result.aftermath.segments
     assert plan.visits
     assert lands(segments, [visit.segment for visit in plan.visits])[0] == [0]
-    words = " ".join(files.text(plan, result.aftermath, "T", "run", False).split())
+    words = " ".join(files.patrol_text(plan, result.aftermath, "T", "run", False).split())
     assert "Unless it crosses water a team stays on one land mass, and its reach is measured over land." in words

@@ -67,7 +67,7 @@ def ashore(worlds: int, n: int, seed: int):
 
 def tabled(stays, worth):
     """Return tables of what lies on each stretch."""
-    return {s: patrol_planner.table(stays, s, worth, SLOTS).total[:-1] for s in range(3)}
+    return {s: patrol_planner.stretch_table(stays, s, worth, SLOTS).total[:-1] for s in range(3)}
 
 
 def by_hand(place, when, worth, factor, visits) -> float:
@@ -281,7 +281,7 @@ def test_what_is_longer_than_a_teams_day_is_told(tmp_path: Path, monkeypatch) ->
     there = after.washup["segment"].values == row.segment
     arrived = float(after.washup["arrived"].isel(time=-1).values[there][0])
     assert 0.5 * arrived < row.lying < arrived  # by its first patrol at 40 h of 72, reported at 0.02 a day
-    words = files.facts(plan, after)["warning 1"]
+    words = files.patrol_facts(plan, after)["warning 1"]
     long = f"{after.segments.length[row.segment] / 1000:.1f} km"
     assert words.startswith(f"walkers leaves out 1 stretch, {long}, where ")
     assert f"longer than its 21 km a day: Long beach ({long}, " in words

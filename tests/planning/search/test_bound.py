@@ -438,7 +438,7 @@ def cut(points: np.ndarray, weight: np.ndarray, fewest: float, least: float) -> 
     boxes, n = points.shape[1:]
     order = np.argsort(points, axis=2, kind="stable") + n * np.arange(boxes)[:, None]
     parts = quadtree.Parts(order.reshape(2, -1), n * np.arange(boxes + 1))
-    return quadtree.cut(points.reshape(2, -1), weight, parts, np.arange(boxes), fewest, least)
+    return quadtree.best_cut(points.reshape(2, -1), weight, parts, np.arange(boxes), fewest, least)
 
 
 def test_boxes_are_cut_where_they_are_plainly_uneven() -> None:

@@ -133,7 +133,9 @@ def test_patterns_are_those_of_the_manual(pattern: str) -> None:
         want = patterns.square(PLACE, spacing, 0.4, legs, 0.0, 10.0).legs
     else:
         want = patterns.sector(PLACE, spacing, legs // 3, 0.4, 0.0, 10.0).legs
-    np.testing.assert_allclose(np.array(patterns.at(PLACE, 0.4, along, across)), [want.lon, want.lat], atol=1e-9)
+    np.testing.assert_allclose(
+        np.array(patterns.points_along(PLACE, 0.4, along, across)), [want.lon, want.lat], atol=1e-9
+    )
     track = np.hypot(np.diff(along), np.diff(across)).sum()
     assert track >= 90_000 * (1 - 1e-9)
     assert track == pytest.approx(90_000, rel=1e-9) or pattern == "square"  # its last leg is cut off
@@ -170,7 +172,7 @@ def test_a_drifting_plan_is_executed_as_it_was_reckoned(few_trials: None, tmp_pa
     made, _ = planner.plan(plans.loaded(tmp_path, text))
     (task,) = made.taskings
     assert task.manner.moves
-    told = " ".join(plan_text.text(made, "Adrift", "1").split())
+    told = " ".join(plan_text.plan_text(made, "Adrift", "1").split())
     assert "parallel sweep (PS), drifting 2.0 kn toward 070T" in told
     assert "its POD is for an object that drifts with it" in told
     executed = tmp_path / "executed.toml"

@@ -200,7 +200,7 @@ def test_a_long_search_goes_on_on_further_pages(planned: tuple[Path, Plan], tmp_
     plan = replace(made, taskings=(replace(boat, sortie=replace(boat.sortie, legs=long)),))
     names = unit_sheet.pages(plan)
     assert [name for name, _, _ in names] == ["plan-A-1.png", "plan-A-1-2.png"]
-    unit_sheet.draw(plan, 0, tmp_path / "two.png", imprint=Imprint("t"), number=2)
+    unit_sheet.plot_unit_sheet(plan, 0, tmp_path / "two.png", imprint=Imprint("t"), number=2)
     assert (tmp_path / "two.png").stat().st_size > 20_000
 
 

@@ -134,11 +134,11 @@ def test_geojson_is_cut_and_turns_left(tmp_path, lon, lat):
 
 
 def test_the_numbers_are_json():
-    told = json.loads(json.dumps(formats.plain(plan_files.numbers(searches.plan())), allow_nan=False))
+    told = json.loads(json.dumps(formats.plain(plan_files.plan_as_json(searches.plan())), allow_nan=False))
     assert told["share_of_bound"] == pytest.approx(0.471 / 0.528)  # on the same particles
     assert (told["bound"], told["bound_error"], told["no_bound"]) == (0.528, 0.004, None)
     none = json.loads(
-        json.dumps(formats.plain(plan_files.numbers(replace(searches.plan(), bound=None, unbounded="few"))))
+        json.dumps(formats.plain(plan_files.plan_as_json(replace(searches.plan(), bound=None, unbounded="few"))))
     )
     assert (none["bound"], none["bound_error"], none["share_of_bound"], none["no_bound"]) == (None, None, None, "few")
     assert told["optimism"] == pytest.approx(0.008)
@@ -152,7 +152,7 @@ def sorties(text):
     """Return the records that a case file's reader makes of tables."""
     rows = [sortie_table.SortieTable.model_validate(row) for row in tomllib.loads(text)["sortie"]]
     scenarios = [SimpleNamespace(name=name, search_object=None, itinerary=None, family=None) for name in searches.NAMES]
-    return sortie_table.build(rows, sortie_table.Run(searches.BEGIN, searches.hours(48), scenarios, Path()))
+    return sortie_table.build_sorties(rows, sortie_table.Run(searches.BEGIN, searches.hours(48), scenarios, Path()))
 
 
 @pytest.mark.parametrize(("lon", "lat"), PLACES)

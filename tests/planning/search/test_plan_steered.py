@@ -12,7 +12,7 @@ from plans import HOUR, NMI
 from drift.case.record import Case
 from drift.evidence.filter.records import Law, Sortie
 from drift.pipeline import flow
-from drift.pipeline.run_options import Job, Options, opened
+from drift.pipeline.run_options import Job, Options, open_job
 from drift.planning.search import bins, bound, candidates, follow, joint, optimiser, planner, rectangle
 from drift.planning.search import planning_tracks as record
 from drift.planning.search.boats import availability
@@ -113,7 +113,7 @@ AREAS = {
 @pytest.fixture(scope="module")
 def mixture(tmp_path_factory: pytest.TempPathFactory) -> tuple[Job, Tracks]:
     """The case, and its tracks to plan on."""
-    job = opened(plans.loaded(tmp_path_factory.mktemp("mixture"), MIXTURE), Options())
+    job = open_job(plans.loaded(tmp_path_factory.mktemp("mixture"), MIXTURE), Options())
     return job, follow.follow(job.case, job.where)
 
 

@@ -38,7 +38,7 @@ def line(text, label):
 @pytest.mark.parametrize(("lon", "lat"), [(-88.2, 27.8), (179.9, -61.0)])
 def test_a_crew_can_fly_it(lon, lat):
     plan = searches.plan(lon, lat)
-    text = plan_text.text(plan, "Overdue boat", "run-s1")
+    text = plan_text.plan_text(plan, "Overdue boat", "run-s1")
     for name, one in zip(("A-1", "A-2", "A-3"), plan.taskings, strict=True):
         told = block(text, name)
         corners = places(told)[:4]
@@ -62,7 +62,7 @@ def test_a_crew_can_fly_it(lon, lat):
 
 def test_the_worth_and_the_bound_stand_at_the_head():
     plan = searches.plan()
-    text = plan_text.text(plan, "Overdue boat", "run-s1", ["a note"], datum=(-88.25, 27.5, searches.hours(17)))
+    text = plan_text.plan_text(plan, "Overdue boat", "run-s1", ["a note"], datum=(-88.25, 27.5, searches.hours(17)))
     assert "POS 0.46; estimated bound 0.53" in text
     told = " ".join(text.split())
     assert "no plan of these units, laws and times is expected to find more than 0.528 of the particles" in told
@@ -73,13 +73,13 @@ def test_the_worth_and_the_bound_stand_at_the_head():
     assert re.search(r"better\s+by 0.121 \+- 0.003", text)
     assert "- a note" in text
     assert "WARNING" not in text
-    alive = plan_text.text(searches.plan(objective="alive"), "Overdue boat", "run-s1")
+    alive = plan_text.plan_text(searches.plan(objective="alive"), "Overdue boat", "run-s1")
     assert "0.31 to detect alive (POS 0.46); estimated bound 0.37" in alive
 
 
 def test_warnings_come_first():
     plan = replace(searches.plan(), seen=0.52)
-    text = plan_text.text(plan, "Overdue boat", "run-s1", synthetic=True)
+    text = plan_text.plan_text(plan, "Overdue boat", "run-s1", synthetic=True)
     head = text.split("1  WORTH")[0]
     assert "SYNTHETIC" in head
     assert "0.520" in head
@@ -87,7 +87,7 @@ def test_warnings_come_first():
 
 def test_it_goes_through_any_line():
     """Mail and telex take ASCII of 80 columns; the names are the coordinator's own."""
-    text = plan_text.text(searches.plan(rounds=2), "A title " * 30, "run-s1", ["a note " * 40], synthetic=True)
+    text = plan_text.plan_text(searches.plan(rounds=2), "A title " * 30, "run-s1", ["a note " * 40], synthetic=True)
     assert text.isascii()
     assert max(map(len, text.splitlines())) <= 78
     assert "\t" not in text
@@ -113,7 +113,7 @@ def test_directions_are_said_as_crews_say_them():
 
 
 def test_a_plan_of_nothing_is_said():
-    text = plan_text.text(replace(searches.plan(), taskings=(), alternatives=()), "Overdue boat", "run-s1")
+    text = plan_text.plan_text(replace(searches.plan(), taskings=(), alternatives=()), "Overdue boat", "run-s1")
     assert "no unit can search" in text
     assert "ALTERNATIVES" not in text
     assert re.findall(r"^(\d)  [A-Z]", text, re.MULTILINE) == ["1", "2", "3", "4", "5"]
@@ -122,7 +122,7 @@ def test_a_plan_of_nothing_is_said():
 def test_one_unit_may_have_one_alternative_only():
     plan = searches.plan()
     one = replace(plan, taskings=plan.taskings[:1], alternatives=plan.alternatives[:1])
-    text = plan_text.text(one, "Overdue boat", "run-s1")
+    text = plan_text.plan_text(one, "Overdue boat", "run-s1")
     assert re.findall(r"^(\d)  [A-Z]", text, re.MULTILINE) == ["1", "2", "3", "4", "5", "6"]
     assert "4  ALTERNATIVES" in text
 
@@ -130,7 +130,7 @@ def test_one_unit_may_have_one_alternative_only():
 def test_what_else_could_be_done_stands_beside_the_plan_on_the_same_particles():
     """The plan's figure was of other particles than those of the alternatives; one that is better is warned of."""
     plan = searches.plan()
-    text = plan_text.text(plan, "Overdue boat", "run-s1")
+    text = plan_text.plan_text(plan, "Overdue boat", "run-s1")
     told = text.split("4  ALTERNATIVES")[1].split("\n5  ")[0]
     assert told.splitlines()[0].endswith("all on the particles that the plan was made on")
     assert told.splitlines()[1] == "   0.471  this plan"
@@ -140,7 +140,7 @@ def test_what_else_could_be_done_stands_beside_the_plan_on_the_same_particles():
     spec = replace(plan.spec, separation=2 * NMI)
     near = replace(plan.alternatives[1], difference=-0.03, value=0.501, standard_error=0.01, apart=False)
     better = replace(plan, spec=spec, alternatives=(plan.alternatives[0], near))
-    head, tail = plan_text.text(better, "Overdue boat", "run-s1").split("1  WORTH")
+    head, tail = plan_text.plan_text(better, "Overdue boat", "run-s1").split("1  WORTH")
     assert "finds 0.030 +- 0.010 more than this plan" in " ".join(head.split())
     assert "nearer than 2 nmi to each other" in " ".join(head.split())
     assert "the plan is WORSE by 0.030 +- 0.010" in " ".join(tail.split())
@@ -154,15 +154,15 @@ def test_one_reason_of_a_wait_is_told():
     ready = first.takeoff - np.timedelta64(3, "h")
     plan = replace(plan, spec=replace(plan.spec, begin=ready))
     late = replace(first, unit=replace(first.unit, ready=ready), waits="for daylight")
-    told = block(plan_text.text(replace(plan, taskings=(late,)), "Overdue boat", "run-s1"), "A-1")
+    told = block(plan_text.plan_text(replace(plan, taskings=(late,)), "Overdue boat", "run-s1"), "A-1")
     assert line(told, "Departs").split("Departs")[1].strip() == "3.0 h after it is ready: for daylight"
     soon = replace(late, unit=replace(first.unit, ready=first.takeoff))
-    assert "Departs" not in plan_text.text(replace(plan, taskings=(soon,)), "Overdue boat", "run-s1")
+    assert "Departs" not in plan_text.plan_text(replace(plan, taskings=(soon,)), "Overdue boat", "run-s1")
 
 
 def test_pod_is_a_table_with_whole_names():
     plan = replace(searches.plan(), scenarios=("swamped while fishing", "a", "adrift with engine failure"))
-    told = block(plan_text.text(plan, "Overdue boat", "run-s1"), "A-1").split("Expected POD")[1].splitlines()
+    told = block(plan_text.plan_text(plan, "Overdue boat", "run-s1"), "A-1").split("Expected POD")[1].splitlines()
     assert told[0].split() == ["POD", "W", "[nmi]", "Coverage"]
     pods = subareas.pods(plan.taskings[0])
     for row, name, pod, width in zip(told[1:], plan.scenarios, pods, (0.8, 0.8, 1.3), strict=True):
@@ -176,22 +176,24 @@ def test_both_states_of_what_steers_are_told():
     first = plan.taskings[0]
     width = tuple(v * NMI for v in (0.8, 2.4, 1.3))
     steered = replace(first, sortie=replace(first.sortie, width_under_way=width))
-    told = block(plan_text.text(replace(plan, taskings=(steered, *plan.taskings[1:])), "Yacht", "run-s1"), "A-1")
+    told = block(plan_text.plan_text(replace(plan, taskings=(steered, *plan.taskings[1:])), "Yacht", "run-s1"), "A-1")
     rows = [row.split() for row in told.split("Expected POD")[1].splitlines()[1:]]
     names = [name for name in plan.scenarios for _ in range(1 + (name == plan.scenarios[1]))]
     assert [" ".join(row[:-3]).split(",")[0] for row in rows] == names
     assert rows[1][-4:] == ["adrift", f"{math.erf(math.sqrt(math.pi) / 2 * 0.8 / 3):.2f}", "0.80", "0.27"]
     assert rows[2][-5:] == ["under", "way", f"{math.erf(math.sqrt(math.pi) / 2 * 0.8):.2f}", "2.40", "0.80"]
-    numbers = subareas.numbers(replace(plan, taskings=(steered,)))["taskings"][0]
+    numbers = subareas.summary_of_plan(replace(plan, taskings=(steered,)))["taskings"][0]
     assert numbers["sweep_width_under_way_nmi"] == pytest.approx(
         dict(zip(plan.scenarios, (0.8, 2.4, 1.3), strict=True))
     )
     assert numbers["pod_under_way"][plan.scenarios[1]] == pytest.approx(math.erf(math.sqrt(math.pi) / 2 * 0.8))
     same = replace(first.sortie, sweep_width=(0.9 * NMI,) * 3, width_under_way=(1.8 * NMI,) * 3)
-    lines = " ".join(plan_text.text(replace(plan, taskings=(replace(first, sortie=same),)), "Yacht", "run-s1").split())
+    lines = " ".join(
+        plan_text.plan_text(replace(plan, taskings=(replace(first, sortie=same),)), "Yacht", "run-s1").split()
+    )
     assert "at W 0.9 nmi, coverage 0.30, adrift" in lines
     assert "at W 1.8 nmi, coverage 0.60, under way" in lines
-    assert "under way" not in plan_text.text(plan, "Overdue boat", "run-s1")
+    assert "under way" not in plan_text.plan_text(plan, "Overdue boat", "run-s1")
 
 
 def test_a_third_digit_tells_a_plan_from_its_bound():
@@ -201,16 +203,16 @@ def test_a_third_digit_tells_a_plan_from_its_bound():
 
 def test_where_there_is_no_bound_no_figure_stands_for_it():
     plan = replace(searches.plan(), bound=None, unbounded="only 312 effective particles, too few to judge this plan")
-    text = " ".join(plan_text.text(plan, "Overdue boat", "run-s1").split())
+    text = " ".join(plan_text.plan_text(plan, "Overdue boat", "run-s1").split())
     assert "POS 0.46; no bound: only 312 effective particles, too few to judge this plan" in text
     assert "estimated" not in text
     assert "Bound" not in text
 
 
 def test_the_bound_of_rounds_is_said_to_be_loose():
-    text = plan_text.text(searches.plan(rounds=2), "Overdue boat", "run-s1")
+    text = plan_text.plan_text(searches.plan(rounds=2), "Overdue boat", "run-s1")
     assert "2 times its endurance without turnaround: it is loose" in " ".join(text.split())
-    assert "turnaround" not in plan_text.text(searches.plan(), "Overdue boat", "run-s1")
+    assert "turnaround" not in plan_text.plan_text(searches.plan(), "Overdue boat", "run-s1")
 
 
 def test_what_is_not_certain_is_not_written_as_one() -> None:

@@ -47,7 +47,7 @@ def degrees(shape: shapely.Geometry, at: tuple[float, float] = AT) -> shapely.Ge
 def sea(shapes: list[shapely.Polygon], ends: np.ndarray, keeps: float = 0.0) -> seas.Sea:
     """Return the sea round places [m] among islands [m]."""
     plane = Plane(*np.radians(AT))
-    made = seas.build([degrees(shape) for shape in shapes], seas.region(plane, ends, 9_000.0), keeps)
+    made = seas.build_sea([degrees(shape) for shape in shapes], seas.region(plane, ends, 9_000.0), keeps)
     assert made is not None
     return made
 

@@ -82,7 +82,7 @@ def by_brute_force(made: swept.Swept, some: Sailed, width: float) -> float:
     """Return the POD of still objects, even over the area: the hazard W^2 / (4 pi) ds / (2 r^3) in steps of 20 m."""
     rng = np.random.default_rng(11)
     along, across = (rng.random((2, 20_000)) - 0.5) * np.array([[made.length], [made.width]])
-    x, y = np.array(FLAT(*patterns.at(made.centre, made.orientation, along, across)))
+    x, y = np.array(FLAT(*patterns.points_along(made.centre, made.orientation, along, across)))
     ends = np.array(FLAT(some.lon, some.lat)).T
     hazard = np.zeros(len(x))
     for a, b in itertools.pairwise(ends):
@@ -192,7 +192,7 @@ def test_a_box_that_is_half_land_is_handed_out_as_what_is_sailed() -> None:
     # on a grid of 41 x 41 positions: an edge across it is off by half a cell along one side at most
     want = track * task.spacing / (at_sea - task.spacing**2)
     assert task.swept == pytest.approx(min(want, 1), abs=1 / 41 + 0.01)
-    words = " ".join(plan_text.text(_plan(task), "t", "run").split())
+    words = " ".join(plan_text.plan_text(_plan(task), "t", "run").split())
     assert f"{task.length / NMI:.1f} x {task.width / NMI:.1f}" in words
     assert "of the sea in the area" in words
 

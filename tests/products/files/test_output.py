@@ -63,7 +63,7 @@ def snapshots():
 
 @pytest.fixture(scope="module")
 def forecast(snapshots):
-    return forecast_build.build(snapshots, scenarios=["raft alone", "boat"])
+    return forecast_build.build_forecast(snapshots, scenarios=["raft alone", "boat"])
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def ink(path):
 
 
 def write(folder, forecast, tracks):
-    matter = forecast_chapter.Matter(forecast, tracks, Setting(Imprint("test")))
+    matter = forecast_chapter.ForecastOutputs(forecast, tracks, Setting(Imprint("test")))
     whole = replace(forecast_chapter.chapter(matter), pictures={"map.png": ink})
     run = Chapter({"wall": {"advance": 1.5}}, facts=ATTRIBUTES)
     return writer.write(folder, [run, whole])
@@ -101,7 +101,7 @@ def test_map_png_is_of_the_output_that_matters(monkeypatch, tmp_path, forecast, 
     drawn = []
     monkeypatch.setattr(forecast_map, "draw_map", lambda *_, time, **__: drawn.append(TIMES[time]))
     setting = Setting(Imprint("test"), opens=None if opens is None else TIMES[opens] + np.timedelta64(5, "s"))
-    pictures = forecast_chapter.chapter(forecast_chapter.Matter(forecast, tracks, setting)).pictures
+    pictures = forecast_chapter.chapter(forecast_chapter.ForecastOutputs(forecast, tracks, setting)).pictures
     pictures["map.png"](tmp_path / "map.png")
     assert drawn == [TIMES[shown]]
 
@@ -183,7 +183,7 @@ def test_particles_are_cf_trajectories(out, tracks):
 
 
 def test_same_data_bit_for_bit(tmp_path, out, snapshots, tracks):
-    write(tmp_path / "b", forecast_build.build(snapshots, scenarios=["raft alone", "boat"]), tracks)
+    write(tmp_path / "b", forecast_build.build_forecast(snapshots, scenarios=["raft alone", "boat"]), tracks)
     for file in ("forecast.nc", "particles.nc"):
         with xr.open_dataset(out / file) as one, xr.open_dataset(tmp_path / "b" / file) as two:
             assert one.equals(two)

@@ -27,9 +27,9 @@ def outputs() -> list[Snapshot]:
 
 
 def test_on_disk_they_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    in_memory = build.build(outputs(), scenarios=["one", "other"])
+    in_memory = build.build_forecast(outputs(), scenarios=["one", "other"])
     monkeypatch.setattr(temporary, "LARGE", 0)
-    on_disk = build.build(outputs(), scenarios=["one", "other"])
+    on_disk = build.build_forecast(outputs(), scenarios=["one", "other"])
     assert on_disk.data.identical(in_memory.data)
     assert np.isnan(on_disk.data["containment"].values[1]).all()
     assert np.isfinite(on_disk.data["containment"].values[[0, 2, 3, 4]]).all()
@@ -53,7 +53,7 @@ def test_one_map_at_most_is_laid_out_before_its_turn(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(build.cloud, "deposits", counted)
     monkeypatch.setattr(build.dataset.Maps, "put", putting)
-    build.build(outputs() * 4, scenarios=["one", "other"])
+    build.build_forecast(outputs() * 4, scenarios=["one", "other"])
     assert asked[0] == 4 * (OUTPUTS - 1)
     assert max(ahead) <= build.AT_ONCE + 1
 

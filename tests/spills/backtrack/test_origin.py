@@ -186,7 +186,7 @@ def figures(found: backward.Origin) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 def forward(case: Case, source: Source, worlds: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return mean (x, y, release) and its standard error by worlds from the prior, weighted by the finds."""
     assert case.spill is not None
-    drawn = drawn_worlds.draw(case.spill, 9, lambda lon, lat: np.zeros(lon.shape, bool), count=worlds)
+    drawn = drawn_worlds.draw_worlds(case.spill, 9, lambda lon, lat: np.zeros(lon.shape, bool), count=worlds)
     release = drawn.release - T0
     n = worlds * count
     ensemble = record.empty(11, (0, n), COLUMNS)
@@ -309,7 +309,7 @@ time = "+{FOUND // HOUR} h"
 def straight() -> shoreline.Coast:
     """Return land east of lon 0 with a straight shore."""
     shape = shapely.Polygon([(1.4, 1.4), (1.4, -1.4), *[(0.0, lat) for lat in JAGGED]])
-    return shoreline.build(Shore(np.array([shape], object), "test", (), BOX), Box(-1.2, -1.2, 1.2, 1.2))
+    return shoreline.build_coast(Shore(np.array([shape], object), "test", (), BOX), Box(-1.2, -1.2, 1.2, 1.2))
 
 
 @pytest.mark.parametrize("count", [1, pytest.param(4, marks=pytest.mark.thorough)])
@@ -319,7 +319,7 @@ def test_finds_ashore_tell_the_release_by_the_law_of_arrivals(tmp_path, count: i
     Finds of one stretch and time that share no error multiply the same likelihood.
     """
     coast = straight()
-    cut = segments.cut(coast, 10_000.0)
+    cut = segments.cut_coast(coast, 10_000.0)
     on, _ = segments.nearest(cut, coast, 0.0, 0.04)
     text = ASHORE.replace("STRETCH", cut.name[on]).replace("objects = 1", f"objects = {count}")
     case = case_of(tmp_path, text + (count - 1) * text[text.index("[[find]]") :])
@@ -371,7 +371,7 @@ def test_what_may_have_sunk_came_from_near(tmp_path) -> None:
 def test_a_patrol_that_misses_nothing_rules_out_earlier_landings(tmp_path) -> None:
     """Arrivals before it are out: releases after it keep their odds, and those long before lose theirs."""
     coast = straight()
-    cut = segments.cut(coast, 10_000.0)
+    cut = segments.cut_coast(coast, 10_000.0)
     on, _ = segments.nearest(cut, coast, 0.0, 0.04)
     text, passed = ASHORE.replace("STRETCH", cut.name[on]), 50 * HOUR
     patrol = f'[[patrol]]\nname = "p"\nstretches = ["{cut.name[on]}"]\ntime = "+{passed // HOUR} h"\ndetection = 1\n'
@@ -425,7 +425,7 @@ def test_figures_and_dataset_say_what_the_grid_says(tmp_path) -> None:
     begin = np.datetime64(T0 - HOUR // 2, "s")
     for share in (10, 50, 90):
         assert said[f"time_{share}"] == f"{begin + np.timedelta64(share * HOUR // 10, 's')}Z"
-    words = text.facts(said)
+    words = text.origin_facts(said)
     radius = said["radius_50_km"]
     assert words["half within"] == f"{radius / 1.852:.2f} nmi ({radius:.2f} km) of it"
     assert words["mean position"] == "50-00.0N 000-00.0E"

@@ -80,7 +80,7 @@ def words(figure):
 def test_anywhere_and_with_a_single_cell(tmp_path, monkeypatch, seen, lon, lat, cells, times, count):
     monkeypatch.setattr(socket, "socket", lambda *_: pytest.fail("a picture downloads nothing"))
     land = shapely.box(lon - 0.5, lat - 0.6, lon + 0.5, lat - 0.3)
-    origin_map.draw(
+    origin_map.plot_origin(
         release(lon, lat, cells, times),
         tmp_path / "origin.png",
         Setting(
@@ -106,7 +106,7 @@ def test_anywhere_and_with_a_single_cell(tmp_path, monkeypatch, seen, lon, lat, 
 def test_figures_are_those_of_a_normal_release(tmp_path, seen):
     """A circular normal holds 1 - exp(-r^2 / 2 s^2); areas and radii are known to a cell in 70 and in 4."""
     setting = Setting(Imprint("T"), marks=finds(179.9, -17.5, 2))
-    origin_map.draw(release(179.9, -17.5), tmp_path / "origin.png", setting)
+    origin_map.plot_origin(release(179.9, -17.5), tmp_path / "origin.png", setting)
     said = words(seen[0])
     for share, name in ((50, "Half within"), (90, "90 % within")):
         radius = SPREAD * np.sqrt(-2 * np.log1p(-share / 100)) / NMI
@@ -129,7 +129,7 @@ def test_figures_are_those_of_a_normal_release(tmp_path, seen):
 def test_outlines_enclose_the_areas_that_they_name(tmp_path, seen, lon):
     """Lines on the map, in Mercator's metres, enclose 2 pi s^2 ln 2 and 2 pi s^2 ln 10 to the width of half a cell."""
     lat = -17.5
-    origin_map.draw(release(lon, lat), tmp_path / "origin.png", Setting(Imprint("T")))
+    origin_map.plot_origin(release(lon, lat), tmp_path / "origin.png", Setting(Imprint("T")))
     ax = seen[0].axes[0]
     sizes = sorted(
         shapely.Polygon(path.vertices).area * np.cos(np.radians(lat)) ** 2
@@ -145,7 +145,7 @@ def test_outlines_enclose_the_areas_that_they_name(tmp_path, seen, lon):
 
 
 def test_few_effective_worlds_are_warned_of(tmp_path, seen):
-    origin_map.draw(release(-95.0, 29.0, effective=3.2), tmp_path / "origin.png", Setting(Imprint("T")))
+    origin_map.plot_origin(release(-95.0, 29.0, effective=3.2), tmp_path / "origin.png", Setting(Imprint("T")))
     assert any(text.startswith("ONLY 3 OF 500 WORLDS ARE EFFECTIVE: ") for text in words(seen[0]))
     chart = seen[0].axes[0]
     wanted, drawn = chart.get_position(original=True), chart.get_position()
@@ -156,7 +156,7 @@ def test_the_same_release_gives_the_same_bytes(tmp_path):
     origin, land = release(179.9, -17.5), shapely.box(179.5, -18.0, 180.5, -17.8)
     for name in ("one.png", "two.png"):
         setting = Setting(Imprint("T", attributes={"run_id": "abc-s1"}), lambda box: [land], finds(179.9, -17.5, 3))
-        origin_map.draw(origin, tmp_path / name, setting)
+        origin_map.plot_origin(origin, tmp_path / name, setting)
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
     with Image.open(tmp_path / "one.png") as picture:
         assert picture.text["run_id"] == "abc-s1"

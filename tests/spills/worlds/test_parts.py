@@ -55,7 +55,7 @@ def everything(fates: Source, told: Known, latent: Any) -> tuple[Any, ...]:
     stands = [column(part, one.stands) for part, drawn in realisations.realise(fates, weighed, 3, 2) for one in drawn]
     drawn = realisations.realise(fates, weighed, 3, 2)
     outputs = np.arange(0, 8) * DAY
-    made = washup.build(drawn, coast(3), weighed.weight, outputs, START, ["drum", "box"], 2)
+    made = washup.build_washup(drawn, coast(3), weighed.weight, outputs, START, ["drum", "box"], 2)
     return told.usual, weighed, surprises, left, stands, made
 
 
@@ -128,7 +128,7 @@ def test_memory_does_not_grow_with_particles() -> None:
         for _ in renewal._log_weights(fates, weighed):
             pass
         drawn = realisations.realise(fates, weighed, 3, 1)
-        washup.build(drawn, coast(3), weighed.weight, np.arange(0, 8) * DAY, START, ["drum"])
+        washup.build_washup(drawn, coast(3), weighed.weight, np.arange(0, 8) * DAY, START, ["drum"])
         peak.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peak[2] - peak[1] < 60 * each

@@ -70,7 +70,7 @@ def test_finds_draw_the_forecast_to_where_they_were_and_the_odd_one_is_called_od
     result = drift.run(case_of(tmp_path, f"{rate}\n{finds}"))
     told = {surprise.find.name: surprise for surprise in result.aftermath.surprises}
     assert told["odd"].tail < 0.02 < told["two"].tail
-    numbers = renewal.numbers(result.aftermath)["spill"]
+    numbers = renewal.summary_of_spill(result.aftermath)["spill"]
     assert [find["odd"] for find in numbers["finds"]] == [False, False, False, True]
     # The map's particles are those of the washup: what is afloat, ashore and sunk of those not found or destroyed. Both are
     # Monte Carlo: three standard errors of the washup's.

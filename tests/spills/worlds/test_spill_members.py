@@ -76,7 +76,7 @@ def test_a_world_has_one_member_and_all_its_objects_drift_in_it(tmp_path: Path) 
     case = load(tmp_path)
     begin = run_setup.prepare(case, run_setup.open_for(case))
     begin.scene.forcing.close()
-    member, world = members.of(begin.ensemble), begin.ensemble.world.to_numpy()
+    member, world = members.member_of_particles(begin.ensemble), begin.ensemble.world.to_numpy()
     assert member is not None
     assert begin.worlds is not None
     assert begin.worlds.member is not None
@@ -88,7 +88,7 @@ def test_a_world_has_one_member_and_all_its_objects_drift_in_it(tmp_path: Path) 
 def test_worlds_of_unequal_members_weigh_alike(tmp_path: Path) -> None:
     """Dealt in whole blocks of worlds where there are enough; then the numbers differ, and the weights make up for it."""
     case = load(tmp_path, members.ENOUGH * MEMBERS * partials.WORLDS + 70)
-    drawn = worlds.draw(case.spill, 7, lambda lon, lat: np.zeros(lon.shape, bool), members=MEMBERS)  # type: ignore[arg-type]
+    drawn = worlds.draw_worlds(case.spill, 7, lambda lon, lat: np.zeros(lon.shape, bool), members=MEMBERS)  # type: ignore[arg-type]
     assert drawn.member is not None
     counts = np.bincount(drawn.member)
     assert counts[0] % partials.WORLDS == 0
@@ -128,12 +128,12 @@ def test_worlds_drawn_anew_keep_to_the_law_of_members(tmp_path: Path) -> None:
     Within 4.5 standard errors of the mean of so many products.
     """
     case, random = load(tmp_path), np.random.default_rng(5)
-    k = worlds.draw(case.spill, 1, _at_sea, count=50).latent.shape[1]  # type: ignore[arg-type]
+    k = worlds.draw_worlds(case.spill, 1, _at_sea, count=50).latent.shape[1]  # type: ignore[arg-type]
     centre = np.array([0, 0, 1, 3], np.int32)  # none at two members: only the prior's share reaches them
     proposal = Proposal(
         0.5 * random.standard_normal((4, k)), np.array([0.4, 0.2, 0.3, 0.1]), 0.8 * np.eye(k), centre, MEMBERS
     )
-    drawn = worlds.draw(case.spill, 9, _at_sea, proposal, count=60_000)  # type: ignore[arg-type]
+    drawn = worlds.draw_worlds(case.spill, 9, _at_sea, proposal, count=60_000)  # type: ignore[arg-type]
     assert drawn.member is not None
     assert (np.diff(drawn.member) >= 0).all()
     weight = np.exp(drawn.log_weight)
@@ -192,7 +192,7 @@ def test_an_origin_is_a_mixture_over_the_members(tmp_path: Path) -> None:
 
 def test_fewer_worlds_than_members_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"\[spill\] worlds: 4 are too few for 5 members"):
-        worlds.draw(load(tmp_path).spill, 7, _at_sea, count=4, members=MEMBERS)  # type: ignore[arg-type]
+        worlds.draw_worlds(load(tmp_path).spill, 7, _at_sea, count=4, members=MEMBERS)  # type: ignore[arg-type]
 
 
 def test_parts_of_a_source_are_its_members(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def test_every_odd_find_is_a_warning_wherever_warnings_stand(told, tmp_path: Pat
         assert verdict_on_it in words
         assert "is unlikely" in words
         assert "chance of a find there was 0 %, at places" in words  # it is exactly 0
-        assert any(line == words for line in outcome.numbers(summary(folder))["warnings"])
+        assert any(line == words for line in outcome.summary_of_outcome(summary(folder))["warnings"])
         assert words in summary(folder)["spill"]["warning"]
         assert words in drift.export(folder, "kml", tmp_path / f"kml-{name}")[0].read_text()
         assert json.dumps(words)[1:-1] in (folder / "report.html").read_text()
@@ -74,7 +74,7 @@ def test_finds_stand_in_a_table_of_their_own(told) -> None:
     facts = outcome.spill(summary(folder))
     assert "not from this spill: " in facts['find 2 "stray"']
     assert "counted as from this spill" in facts['find 3 "far"']
-    assert [find["name"] for find in outcome.numbers(summary(folder))["finds"]] == list(rows)
+    assert [find["name"] for find in outcome.summary_of_outcome(summary(folder))["finds"]] == list(rows)
 
 
 def test_that_silence_is_evidence_is_told_where_the_figures_stand(told, monkeypatch, tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_that_silence_is_evidence_is_told_where_the_figures_stand(told, monkeypa
     monkeypatch.setattr(
         Figure, "text", lambda self, x, y, s, *a, **k: written.append(s) or draw(self, x, y, s, *a, **k)
     )
-    chapter.PICTURES["washup.png"](chapter.Matter(result.aftermath, result.setting), tmp_path / "washup.png")
+    chapter.PICTURES["washup.png"](chapter.SpillOutputs(result.aftermath, result.setting), tmp_path / "washup.png")
     assert any(words in line for line in written)
     assert all(f'"{name}"' in " ".join(written) for name in ("stray", "far"))
 
@@ -142,9 +142,9 @@ def test_stretches_are_named_by_towns_and_ranked_by_the_kilometre(told) -> None:
         k = int(np.argmin(distance))
         assert near.away == pytest.approx(distance[k], abs=1.0)
         assert near.name == names[k]
-    assert gazetteer.words(Near("Viana", 9_400)) == "near Viana"
-    assert gazetteer.words(Near("Viana", 34_400)) == "34 km from Viana"
-    assert gazetteer.words(Near("Utrik", 2_068_000)) == ""
+    assert gazetteer.place_in_words(Near("Viana", 9_400)) == "near Viana"
+    assert gazetteer.place_in_words(Near("Viana", 34_400)) == "34 km from Viana"
+    assert gazetteer.place_in_words(Near("Utrik", 2_068_000)) == ""
 
 
 def test_finds_and_washup_go_along_to_other_programs(told, tmp_path: Path) -> None:

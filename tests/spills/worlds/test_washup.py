@@ -65,7 +65,7 @@ def once(stands, worlds, destroyed=0, found=0):
 
 
 def build(fates, segments, draws, weight, outputs, start, kinds=("object",)):
-    return washup.build([(fates, draws)], segments, weight, outputs, start, kinds, len(draws))
+    return washup.build_washup([(fates, draws)], segments, weight, outputs, start, kinds, len(draws))
 
 
 def level(worlds):

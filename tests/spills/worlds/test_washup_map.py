@@ -57,7 +57,7 @@ def spill(where, touched, worlds=50, each=8):
         stays=Stays(*stays.astype(np.int32)),
     )
     nothing = np.zeros(worlds, np.int32)
-    return washup.build(
+    return washup.build_washup(
         [(fates, [Realisation(np.ones(n, np.int32), nothing, nothing)])],
         where,
         np.full(worlds, 1 / worlds),
@@ -96,7 +96,7 @@ def test_anywhere_and_with_a_single_stretch(tmp_path, monkeypatch, lon, lat, tou
     monkeypatch.setattr(socket, "socket", lambda *_: pytest.fail("a picture downloads nothing"))
     said = words(monkeypatch)
     where, land = coast(lon, lat, 30)
-    washup_map.draw(
+    washup_map.plot_washup(
         spill(where, list(touched)),
         where,
         tmp_path / "washup.png",
@@ -121,7 +121,7 @@ def test_anywhere_and_with_a_single_stretch(tmp_path, monkeypatch, lon, lat, tou
 def test_none_ashore(tmp_path, monkeypatch):
     said = words(monkeypatch)
     where, land = coast(179.5, -17.0, 9)
-    washup_map.draw(
+    washup_map.plot_washup(
         spill(where, []), where, tmp_path / "washup.png", Setting(Imprint("T"), polygons=lambda box: [land])
     )
     assert (
@@ -135,7 +135,7 @@ def test_the_same_spill_gives_the_same_bytes(tmp_path):
     made = spill(where, list(range(12)))
     setting = Setting(Imprint("T", attributes={"run_id": "abc-s1"}), polygons=lambda box: [land])
     for name in ("one.png", "two.png"):
-        washup_map.draw(made, where, tmp_path / name, setting)
+        washup_map.plot_washup(made, where, tmp_path / name, setting)
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
     with Image.open(tmp_path / "one.png") as picture:
         assert picture.text["run_id"] == "abc-s1"
@@ -163,7 +163,7 @@ def test_all_afloat_again(tmp_path, monkeypatch):
     made = spill(where, [5, 2, 9])
     for name in ("expected", "probability", "number"):
         made[name][..., -1, :] = 0
-    washup_map.draw(made, where, tmp_path / "washup.png", Setting(Imprint("T")))
+    washup_map.plot_washup(made, where, tmp_path / "washup.png", Setting(Imprint("T")))
     assert said.count("(3)") == 3
     assert "0-0-0" in said
 
@@ -184,8 +184,8 @@ def test_numbers_of_stretches_are_those_of_the_table(tmp_path, monkeypatch):
                   np.full(n, FOREVER, np.int32), np.where(segment >= 0, Status.ASHORE, 0).astype(np.int32), Stays(*stays))  # fmt: skip
     nothing = np.zeros(worlds, np.int32)
     one = Realisation(np.ones(n, np.int32), nothing, nothing)
-    made = washup.build([(fates, [one])], where, np.full(worlds, 1 / worlds), np.array([40_000]), START)
-    washup_map.draw(made, where, tmp_path / "washup.png", Setting(Imprint("T"), polygons=lambda box: [land]))
+    made = washup.build_washup([(fates, [one])], where, np.full(worlds, 1 / worlds), np.array([40_000]), START)
+    washup_map.plot_washup(made, where, tmp_path / "washup.png", Setting(Imprint("T"), polygons=lambda box: [land]))
     table = washup_tables.records(made)
     assert dict(zip(table["segment"].tolist(), table["rank"].tolist(), strict=True)) == {4: 1, 7: 2, 9: 3}
     assert [text for text in said if text in ("(1)", "(2)", "(3)")] == ["(1)", "(3)"] * 3
@@ -203,7 +203,7 @@ def test_what_is_planned_is_shown_near_and_listed_alone(tmp_path, monkeypatch):
     for near, count in ((False, 3), (True, 1)):
         said.clear()
         patrols = washup_map.Patrols(walked, near=near)
-        washup_map.draw(made, where, tmp_path / "near.png", setting, finds=finds, patrols=patrols)
+        washup_map.plot_washup(made, where, tmp_path / "near.png", setting, finds=finds, patrols=patrols)
         assert said.count(f"({ranks[9]})") == 3  # on both maps, and in the table
         assert sum(text in ("(1)", "(2)", "(3)") for text in said) == 3 * count
         assert ("▲far" in said) == (not near)
@@ -216,7 +216,7 @@ def test_finds_bear_their_numbers_and_patrols_are_drawn(tmp_path, monkeypatch):
     found = [Mark(-94.6, 29.0, "1"), Mark(-94.2, 29.0, "2")]
     walked = [washup_map.Patrolled("east", when, 0.65, [10, 11]), washup_map.Patrolled("west", when, 0.4, [0])]
     setting, patrols = Setting(Imprint("T"), polygons=lambda box: [land]), washup_map.Patrols(walked)
-    washup_map.draw(spill(where, [4, 5]), where, tmp_path / "with.png", setting, finds=found, patrols=patrols)
+    washup_map.plot_washup(spill(where, [4, 5]), where, tmp_path / "with.png", setting, finds=found, patrols=patrols)
     for text in ("▲1", "▲2"):
         assert said.count(text) == 2  # on both maps
     assert said.count("east\n220930Z 65 %") == said.count("west\n220930Z 40 %") == said.count("patrolled") == 1
@@ -226,7 +226,7 @@ def test_finds_bear_their_numbers_and_patrols_are_drawn(tmp_path, monkeypatch):
     on_sea = np.abs(colours - band - 0.45 * np.array([0xF4, 0xF7, 0xF9])).max(axis=1) < 2
     assert on_sea.sum() > 200
     said.clear()
-    washup_map.draw(spill(where, [4, 5]), where, tmp_path / "without.png", setting, finds=found)
+    washup_map.plot_washup(spill(where, [4, 5]), where, tmp_path / "without.png", setting, finds=found)
     assert "patrolled" not in said
 
 

@@ -74,7 +74,7 @@ def within(found: float, expected: float, error: float) -> None:
 def test_worlds_follow_the_stated_priors(tmp_path: Path) -> None:
     """Release: a normal of axes turned clockwise from north; its time uniform; windage lognormal; errors of the current normal."""
     case = spill_of(tmp_path, POSITION)
-    drawn = worlds.draw(case.spill, 7, at_sea)
+    drawn = worlds.draw_worlds(case.spill, 7, at_sea)
     n = drawn.size
     way = np.array(sphere.offset(*np.radians([-179.95, 58.0]), drawn.lon * sphere.UNIT, drawn.lat * sphere.UNIT))
     turn = np.radians(35)
@@ -96,7 +96,7 @@ def test_worlds_follow_the_stated_priors(tmp_path: Path) -> None:
 def test_an_area_of_releases_is_uniform_on_the_sphere(tmp_path: Path) -> None:
     """Across the antimeridian, 56 to 72 N: counts by latitude go as width times cos(lat), which is far from uniform in degrees."""
     case = spill_of(tmp_path, AREA)
-    drawn = worlds.draw(case.spill, 7, at_sea)
+    drawn = worlds.draw_worlds(case.spill, 7, at_sea)
     lat = sphere.to_degrees(drawn.lat)
     fine = np.linspace(56, 72, 40_001)
     density = ((15 - 4 * (fine - 56) / 16) - 2 * (fine - 56) / 16) * np.cos(
@@ -110,12 +110,12 @@ def test_worlds_drawn_anew_weigh_as_their_prior(tmp_path: Path) -> None:
     """Importance weights have mean 1 under the proposal, and weighted moments are the prior's: standard normals."""
     case = spill_of(tmp_path, POSITION)
     random = np.random.default_rng(3)
-    k = worlds.draw(case.spill, 1, at_sea, count=50).latent.shape[1]
+    k = worlds.draw_worlds(case.spill, 1, at_sea, count=50).latent.shape[1]
     factor = 0.5 * random.standard_normal((k, k))
     proposal = Proposal(
         0.7 * random.standard_normal((3, k)), np.array([0.5, 0.3, 0.2]), factor @ factor.T + 0.4 * np.eye(k)
     )
-    drawn = worlds.draw(case.spill, 9, at_sea, proposal)
+    drawn = worlds.draw_worlds(case.spill, 9, at_sea, proposal)
     weight = np.exp(drawn.log_weight)
     assert weight.std() > 0.3
     for value, expected in ((np.ones(drawn.size), 1.0), (drawn.latent[:, 0], 0.0), (drawn.latent[:, 1] ** 2, 1.0)):
@@ -126,9 +126,9 @@ def test_worlds_drawn_anew_weigh_as_their_prior(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def released(tmp_path_factory: pytest.TempPathFactory) -> Any:
     case = spill_of(tmp_path_factory.mktemp("spill"), POSITION, 2000)
-    drawn = worlds.draw(case.spill, 7, at_sea)
-    land = shoreline.build(Shore(np.array([], object), "none"), Box(178, 57, 183, 59))
-    return case, drawn, release.draw(case.spill, drawn, case.period, case.errors, device_coast.upload(land), 7)
+    drawn = worlds.draw_worlds(case.spill, 7, at_sea)
+    land = shoreline.build_coast(Shore(np.array([], object), "none"), Box(178, 57, 183, 59))
+    return case, drawn, release.draw_release(case.spill, drawn, case.period, case.errors, device_coast.upload(land), 7)
 
 
 def test_a_world_scales_all_the_leeway_of_its_objects(released: Any) -> None:

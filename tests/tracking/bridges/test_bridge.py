@@ -34,7 +34,7 @@ def test_equations_2_to_9_where_the_ends_are_near(share: float) -> None:
     span, k = 7.3 * HOUR, rate(0.8)
     begin, end = (-88.2, 27.6), (-88.147, 27.645)
     one = bridges.between(*np.transpose([begin, end]), [1000.0, 1000.0 + span], k, sigma)
-    law = bridges.at(one, [1000.0 + share * span])
+    law = bridges.bridge_at(one, [1000.0 + share * span])
     t, left = share * span, span - share * span  # t - t_d, t_a - t
     brownian = k**2 * t * left / span
     early, late, both = (left / span) ** 2, (t / span) ** 2, t * left / span**2
@@ -54,7 +54,9 @@ def test_equations_5_to_9_hold_exactly_as_the_earth_grows_flat() -> None:
     for degrees in (0.3, 0.1):
         scale = 0.02 * math.radians(degrees) * RADIUS
         sigma, k, span = shape * scale**2, scale / 60, 3600.0
-        law = bridges.at(bridges.between([10.0, 10.0 + degrees], [0.0, 0.0], [0.0, span], k, sigma), [0.35 * span])
+        law = bridges.bridge_at(
+            bridges.between([10.0, 10.0 + degrees], [0.0, 0.0], [0.0, span], k, sigma), [0.35 * span]
+        )
         weights = np.hstack([0.65 * np.eye(2), 0.35 * np.eye(2)])
         plane = weights @ sigma @ weights.T + k**2 * span * 0.35 * 0.65 * np.eye(2)
         assert np.abs(law.covariance[0] / plane - 1).max() < math.radians(degrees) ** 2
@@ -89,7 +91,7 @@ def test_far_ends_against_a_fine_simulation_in_three_dimensions() -> None:
     angle, span, count = 6000 * NMI / RADIUS, 400 * HOUR, 4000
     place = paths(rate(12), span, angle, count, 200, np.random.default_rng(17))
     one = bridges.between([0.0, math.degrees(angle)], [0.0, 0.0], [0.0, span], rate(12))
-    law = bridges.at(one, [span / 2])
+    law = bridges.bridge_at(one, [span / 2])
     along, across = np.sqrt(np.diag(law.covariance[0]))
     assert (along / NMI, across / NMI) == pytest.approx((120.0, 140.197), rel=1e-5)
     assert across == pytest.approx(math.sqrt(rate(12) ** 2 * span * math.tan(angle / 2) / (2 * angle)), rel=1e-12)
@@ -112,7 +114,7 @@ def test_variance_across_is_the_integral_of_jacobi_fields(share: float) -> None:
     found = bridges.strayed(np.array(share), np.array(share), np.array(angle))
     assert found == pytest.approx([share * (1 - share), integral], rel=1e-9)
     one = bridges.between([20.0, 20.0 + math.degrees(angle)], [0, 0], [0, span], 30.0)
-    assert bridges.at(one, [share * span]).covariance[0, 1, 1] == pytest.approx(900 * span * integral, rel=1e-9)
+    assert bridges.bridge_at(one, [share * span]).covariance[0, 1, 1] == pytest.approx(900 * span * integral, rel=1e-9)
 
 
 def test_errors_of_the_ends_move_the_great_circle() -> None:
@@ -120,7 +122,7 @@ def test_errors_of_the_ends_move_the_great_circle() -> None:
     lon, lat = np.array([-140.3, 158.2]), np.array([21.7, -33.4])
     one = bridges.between(lon, lat, [0.0, 9e5], 0.0, np.eye(4))
     for share in (0.2, 0.66):
-        law = bridges.at(one, [share * 9e5])
+        law = bridges.bridge_at(one, [share * 9e5])
         columns = []
         for end, (east, north) in [(0, (20, 0)), (0, (0, 20)), (1, (20, 0)), (1, (0, 20))]:
             x, y = np.radians(lon), np.radians(lat)
@@ -139,23 +141,25 @@ def test_any_number_of_way_points() -> None:
     sigma = correlated(rng, 8, 2e4)
     one = bridges.between(lon, lat, time, 80.0, sigma)
     for k in range(4):
-        law = bridges.at(one, [time[k]])
+        law = bridges.bridge_at(one, [time[k]])
         assert law.covariance[0] == pytest.approx(sigma[2 * k : 2 * k + 2, 2 * k : 2 * k + 2], rel=1e-9)
         assert np.degrees([law.lon[0], law.lat[0]]) == pytest.approx([sphere.wrap_degrees(lon[k]), lat[k]], abs=1e-9)
     second = bridges.between(lon[1:3], lat[1:3], time[1:3], 80.0, sigma[2:6, 2:6])
     asked = np.array([8e4, 1e5, 1.3e5])
-    assert bridges.at(one, asked).covariance == pytest.approx(bridges.at(second, asked).covariance, rel=1e-9)
+    assert bridges.bridge_at(one, asked).covariance == pytest.approx(
+        bridges.bridge_at(second, asked).covariance, rel=1e-9
+    )
     known = bridges.between(lon, lat, time, 80.0)
     _, whole = bridges.joint(known, np.array([3e4, 8e4, 1.3e5]))
     assert np.abs(whole[:2, 2:]).max() == 0  # of two legs
     assert np.trace(whole[2:4, 4:6]) > 0
     # Given the place at 8e4, the place at 1.3e5 is that of a bridge from there: its variance does not know the departure.
     left = whole[4:6, 4:6] - whole[4:6, 2:4] @ np.linalg.solve(whole[2:4, 2:4], whole[2:4, 4:6])
-    rest = bridges.at(known, [8e4])
+    rest = bridges.bridge_at(known, [8e4])
     onward = bridges.between(
         np.degrees([rest.lon[0], np.radians(-176.0)]), np.degrees([rest.lat[0], np.radians(41.0)]), [8e4, 1.5e5], 80.0
     )
-    assert left == pytest.approx(bridges.at(onward, [1.3e5]).covariance[0], rel=1e-9, abs=1e-3)
+    assert left == pytest.approx(bridges.bridge_at(onward, [1.3e5]).covariance[0], rel=1e-9, abs=1e-3)
 
 
 def test_joint_law_has_the_position_law_on_its_diagonal() -> None:
@@ -163,7 +167,7 @@ def test_joint_law_has_the_position_law_on_its_diagonal() -> None:
     one = bridges.between([3.0, 9.0, 5.5], [58.0, 61.0, 66.0], [0.0, 5e4, 2e5], 60.0, correlated(rng, 6, 8e3))
     asked = np.array([0.0, 1.3e4, 5e4, 9e4, 1.9e5, 2e5])
     place, whole = bridges.joint(one, asked)
-    assert place.covariance == pytest.approx(bridges.at(one, asked).covariance, rel=1e-12)
+    assert place.covariance == pytest.approx(bridges.bridge_at(one, asked).covariance, rel=1e-12)
     assert np.linalg.eigvalsh(whole).min() > -1e-9 * np.abs(whole).max()
 
 
@@ -205,7 +209,7 @@ def test_share_through_a_place() -> None:
 
 def test_no_spread_and_no_errors_is_the_great_circle() -> None:
     one = bridges.between([10.0, 42.0], [50.0, 61.0], [0.0, 1e5], 0.0)
-    law = bridges.at(one, [3.1e4])
+    law = bridges.bridge_at(one, [3.1e4])
     assert np.abs(law.covariance).max() == 0
     whole = sphere.distance(*np.radians([10.0, 50.0, 42.0, 61.0]))
     assert sphere.distance(*np.radians([10.0, 50.0]), law.lon[0], law.lat[0]) == pytest.approx(0.31 * whole)
@@ -214,7 +218,7 @@ def test_no_spread_and_no_errors_is_the_great_circle() -> None:
 def test_what_stays_at_its_place_loiters() -> None:
     """Departure and arrival at one place: a closed tour, K^2 s (1 - s) T in every direction."""
     one = bridges.between([5.2, 5.2], [55.0, 55.0], [0.0, 4e4], 12.0)
-    law = bridges.at(one, [1e4])
+    law = bridges.bridge_at(one, [1e4])
     assert law.covariance[0] == pytest.approx(144 * 4e4 * 0.25 * 0.75 * np.eye(2))
 
 
@@ -245,9 +249,9 @@ def test_what_is_no_bridge_is_refused(changes: dict[str, object], words: str) ->
 
 def test_a_time_outside_the_bridge_is_refused() -> None:
     one = bridges.between([5.0, 7.0], [55.0, 56.0], np.array(["2026-06-01T00", "2026-06-02T12"], "datetime64[s]"), 50.0)
-    assert bridges.at(one, np.array(["2026-06-01T09"], "datetime64[s]")).lon.shape == (1,)
+    assert bridges.bridge_at(one, np.array(["2026-06-01T09"], "datetime64[s]")).lon.shape == (1,)
     with pytest.raises(ValueError, match="37 h after departure is outside the bridge, which lasts 36 h"):
-        bridges.at(one, np.array(["2026-06-02T13"], "datetime64[s]"))
+        bridges.bridge_at(one, np.array(["2026-06-02T13"], "datetime64[s]"))
 
 
 def test_share_of_an_ellipse_must_be_one() -> None:

@@ -158,7 +158,7 @@ def test_a_file_that_cannot_be_read(tmp_path: Path, name: str) -> None:
 def test_answers_are_those_of_the_laws(tmp_path: Path) -> None:
     asked = bridge_file.load(written(tmp_path))
     found = study.answers(asked)
-    law = bridges.at(asked.bridge, asked.times)
+    law = bridges.bridge_at(asked.bridge, asked.times)
     assert found.position.covariance == pytest.approx(law.covariance)
     for k in range(2):
         spread = math.sqrt(np.linalg.det(law.covariance[k]))

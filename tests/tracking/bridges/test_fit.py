@@ -190,20 +190,20 @@ def fixes(hours, east_nmi, name="a"):
 def test_a_stretch_ends_at_a_gap_at_anchor_and_at_a_box() -> None:
     hours = [0, 1, 2, 3, 10, 11, 12, 13, 14, 15]
     east = [0, 9, 18, 27, 60, 69, 69.5, 78, 87, 96]
-    found = stretches.cut([fixes(hours, east)], Rules(gap=4 * HOUR, slowest=5 * KNOT))
+    found = stretches.cut_tracks([fixes(hours, east)], Rules(gap=4 * HOUR, slowest=5 * KNOT))
     assert [one.time.tolist() for one in found.stretches] == [
         [h * HOUR for h in part] for part in ([0, 1, 2, 3], [10, 11], [12, 13, 14, 15])
     ]
     assert found.notes == ("1 step left out of more than 4 h", "1 step left out of 5 kn or less")
     west, east_edge = math.degrees(8 * NMI / RADIUS), math.degrees(10 * NMI / RADIUS)
-    boxed = stretches.cut([fixes(hours, east)], Rules(without=Box(west, -1.0, east_edge, 1.0)))
+    boxed = stretches.cut_tracks([fixes(hours, east)], Rules(without=Box(west, -1.0, east_edge, 1.0)))
     assert [one.time.size for one in boxed.stretches] == [8]  # the fix before the box is alone
     assert "1 fix left out in the box that was named" in boxed.notes
 
 
 def test_a_box_across_the_antimeridian() -> None:
     track = Track("a", np.arange(6) * HOUR, np.array([179.0, 179.4, 179.8, -179.8, -179.4, -179.0]), np.full(6, 5.0))
-    found = stretches.cut([track], Rules(without=Box(179.7, 0.0, 180.3, 9.0)))
+    found = stretches.cut_tracks([track], Rules(without=Box(179.7, 0.0, 180.3, 9.0)))
     assert [np.degrees(one.lon).round(6).tolist() for one in found.stretches] == [[179.0, 179.4], [-179.4, -179.0]]
 
 
@@ -213,7 +213,7 @@ def test_an_interval_that_is_lost_in_rounding_keeps_all_fixes() -> None:
 
 def test_thinning_takes_the_fix_nearest_to_the_interval() -> None:
     hours = [0, 0.5, 2.4, 3.2, 5.9, 6.3, 6.4, 9.1, 9.2, 16.0, 19.1]
-    found = stretches.cut([fixes(hours, [9 * h for h in hours])], Rules(every=3 * HOUR))
+    found = stretches.cut_tracks([fixes(hours, [9 * h for h in hours])], Rules(every=3 * HOUR))
     assert [one.time / HOUR for one in found.stretches] == [
         pytest.approx([0, 3.2, 6.3, 9.2]),  # 3.2 h is nearer to 3 h than 2.4 h; 6.3 to 6.2
         pytest.approx([16.0, 19.1]),  # after 6.8 h of silence
@@ -263,7 +263,7 @@ def test_real_ships(data: Path) -> None:
     if not path.exists():
         pytest.skip(f"no {path}")
     rules = Rules(every=3 * HOUR, slowest=5 * KNOT)
-    found = fit.fit(reading.read(path), error=0.0, rules=rules)
+    found = fit.fit(reading.read_drifters(path), error=0.0, rules=rules)
     ships = defaultdict(dict)
     with path.open() as file:
         for row in csv.DictReader(file):

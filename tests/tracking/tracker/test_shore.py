@@ -37,7 +37,7 @@ WAY = path.of_legs(*np.radians(PLACE), [path.Leg(math.radians(97), 18 * KNOT, 72
 
 @cache
 def coast() -> Shoreline:
-    built = edges.build(land_of.land("gshhg", BOX), BOX)
+    built = edges.build_coast(land_of.land("gshhg", BOX), BOX)
     return Shoreline(built, device_coast.upload(built))
 
 
@@ -146,7 +146,7 @@ def test_duplicates_keep_off_the_land_too() -> None:
 def test_far_north_parallels_are_short() -> None:
     """Off Spitsbergen, where a degree of longitude is a fifth of one of latitude, nobody comes ashore on Prins Karls Forland."""
     box = Box(2.0, 76.5, 25.0, 80.5)
-    built = edges.build(land_of.land("gshhg", box), box)
+    built = edges.build_coast(land_of.land("gshhg", box), box)
     inner = shapely.union_all([shape.buffer(-1e-5) for shape in built.polygons])  # 0.2 m of a parallel
     times = tuple(np.arange(80.0, 6000.0, 20.0))
     world = told((60.0, 90.0, 60.0, 0.5, 9.0), marks=times, at=(8.9, 78.4))

@@ -113,7 +113,7 @@ def followed(network: Network, routes: Sequence[Route]) -> Network:
     )
 
 
-def joined(networks: Sequence[Network]) -> Network:
+def join_networks(networks: Sequence[Network]) -> Network:
     """Return one network of the lanes of several, each lane once; nodes are told apart by name and place."""
     place: dict[tuple[str, float, float], int] = {}
     rows: dict[tuple[int, int], tuple[float, bool]] = {}

@@ -25,7 +25,7 @@ class Settled(NamedTuple):
     has: Mapping[str, Array]  # (scenarios,) bool each: which scenarios have which of these
 
 
-def read(ensemble: Ensemble, steering: Steering) -> Settled:
+def read_settled(ensemble: Ensemble, steering: Steering) -> Settled:
     """Return what is settled of an ensemble's particles as they are now."""
     wanted = phases(steering.itineraries)
     dtypes = {"destination": np.int32, "arrival": np.int32}

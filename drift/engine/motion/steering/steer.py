@@ -167,7 +167,7 @@ class Helm:
             self._move(step)
             return
         e = self._ensemble
-        self._noted = steer.moved(
+        self._noted = steer.move_targets(
             columns(e), self.batch, self.plan, e.seed, self._domain, self._coast, step, self._room
         )
 
@@ -190,7 +190,7 @@ class Helm:
         """Return the pieces of way of all that steers in the step just made; they are made once for all sensors."""
         whole = self._whole
         if not whole._noted:
-            steer.made(kept, whole.batch, whole.plan, self._ensemble.seed, self._coast, step, whole._room)
+            steer.write_pieces(kept, whole.batch, whole.plan, self._ensemble.seed, self._coast, step, whole._room)
             whole._noted = True
         return whole._room.pack
 
@@ -228,7 +228,7 @@ def columns(ensemble: Ensemble) -> dict[str, Device]:
     return {name: every[name] for name in steer.COLUMNS}
 
 
-def place(ensemble: Ensemble, slots: Array, new: Mapping[str, Array], time: int) -> None:
+def place_targets(ensemble: Ensemble, slots: Array, new: Mapping[str, Array], time: int) -> None:
     """Place targets that keep a course or act anew, under way at a time at which a step ends [s after start].
 
     slots: (m,); new: lon, lat, course [rad], speed [m/s], change [s after start]: when those change their course or act next that
@@ -249,7 +249,7 @@ def place(ensemble: Ensemble, slots: Array, new: Mapping[str, Array], time: int)
         every[name].from_numpy(column)
 
 
-def draw(ensemble: Ensemble, steering: Steering, coast: DeviceCoast | None) -> Array:
+def draw_targets(ensemble: Ensemble, steering: Steering, coast: DeviceCoast | None) -> Array:
     """Draw the targets of all scenarios that steer; return (drawn, without water) by scenario, int64 (scenarios, 2)."""
     tries = runtime.upload(np.zeros(2 * len(steering.itineraries), np.int64))
     Helm(ensemble, steering, EVERYWHERE, coast).born(tries)

@@ -84,7 +84,7 @@ def of_contacts(
         if resumed:
             ensemble = prior.empty(own, beside.layout)
         else:
-            ensemble = prior.draw(own, scene.place.coast, beside.layout).ensemble
+            ensemble = prior.draw_ensemble(own, scene.place.coast, beside.layout).ensemble
             for slots in ensemble.slots:  # coefficients of its own
                 drift.draw_leeway(ensemble, slots, noise.key(spec.seed, Purpose.DEBRIS, number), drifter)
         if (copied or finds) and not resumed:

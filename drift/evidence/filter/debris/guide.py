@@ -177,7 +177,7 @@ def guide_particles(guide: Guide, trial: Trial, ensemble: Ensemble) -> Ensemble:
     Args:
         guide: how.
         trial: what they are drawn from, and what they are about to go through.
-        ensemble: particles of a run or of a shard of it, as `drift.engine.motion.prior.draw` returns them.
+        ensemble: particles of a run or of a shard of it, as `drift.engine.motion.prior.draw_ensemble` returns them.
 
     Returns:
         The ensemble, with the columns that guide it.
@@ -215,7 +215,7 @@ def _free_places(guide: Guide, trial: Trial, ensemble: Ensemble) -> None:
     """Draw releases that are guided as if there were no land: what ends on it loses its weight."""
     if trial.scene.place.coast is None:
         return
-    free = prior.draw(trial.spec, None, ensemble.layout, still=True).ensemble
+    free = prior.draw_ensemble(trial.spec, None, ensemble.layout, still=True).ensemble
     for name in ("lon", "lat"):
         values = ensemble.columns[name].to_numpy().copy()
         drawn = free.columns[name].to_numpy()
@@ -257,7 +257,7 @@ def debris_way(guide: Guide, trial: Trial, ensemble: Ensemble, *, moved: bool) -
                     continue
                 begin = kind.scene.advance(kind.ensemble, low, high, step, keep=bool(due))
                 for k in due:
-                    known[k] = life.read(kind.ensemble).at(finds[k].time) == Status.ADRIFT
+                    known[k] = life.read_lives(kind.ensemble).at(finds[k].time) == Status.ADRIFT
                     if finds[k].time == end or begin is None:
                         lon[k], lat[k] = kind.ensemble.lon.to_numpy(), kind.ensemble.lat.to_numpy()
                     else:

@@ -83,7 +83,7 @@ def _fitted(blind: Guide, trial: Trial) -> Guide | None:
     layout = Layout(bounds, whole.numbers, whole.block)
     calm = replace(trial.scene, place=trial.scene.place._replace(coast=None))
     open_sea = trial._replace(scene=calm)
-    drawn = prior.draw(trial.spec, None, layout).ensemble
+    drawn = prior.draw_ensemble(trial.spec, None, layout).ensemble
     way = guides.debris_way(blind, open_sea, drawn, moved=False)
     if _effective(blind, drawn, way) >= WORTHWHILE:
         return None

@@ -50,23 +50,23 @@ class Formulas:
     written: Callable[[Law], str] = _plain  # the law as a case file has it, in TOML
 
 
-def of(law: Law) -> Formulas:
+def formulas_of(law: Law) -> Formulas:
     """Return the formulas of a law."""
     return LAWS[law.kind]
 
 
 def pod(law: Law, coverage: npt.ArrayLike) -> Array:
     """Return b(C), the probability of detection under endless parallel sweeps (random: anywhere); any shape."""
-    return of(law).pod(law, np.asarray(coverage, np.float64))
+    return formulas_of(law).pod(law, np.asarray(coverage, np.float64))
 
 
 def coverage_of(law: Law, chance: float) -> float:
     """Return the coverage at which a law detects with a chance; raise ValueError where none does."""
-    if not 0 <= chance < 1 and not (chance == 1 and of(law).sure):
+    if not 0 <= chance < 1 and not (chance == 1 and formulas_of(law).sure):
         raise ValueError(f"a POD of {chance:g} needs endless effort; it must be at least 0 and below 1")
     if chance == 0:
         return 0.0
-    if (inverse := of(law).coverage) is not None:
+    if (inverse := formulas_of(law).coverage) is not None:
         return inverse(law, chance)
     if pod(law, MOST) <= chance:
         raise ValueError(
@@ -77,12 +77,12 @@ def coverage_of(law: Law, chance: float) -> float:
     return float(optimize.brentq(lambda c: float(pod(law, c)) - chance, 0.0, MOST, xtol=1e-12))
 
 
-def table(law: Law) -> tuple[Array, Array]:
+def range_curve(law: Law) -> tuple[Array, Array]:
     """Return the lateral range curve of a law that detects abeam: ranges as shares of W, and the chances there.
 
     The curve is straight between them and 0 beyond the last; two equal ranges are a jump. Twice its integral is 1.
     """
-    if (lateral := of(law).lateral) is None:
+    if (lateral := formulas_of(law).lateral) is None:
         raise ValueError(f"{law.kind} has no lateral range curve of its own")
     return lateral(law)
 
@@ -133,7 +133,7 @@ def _curve_written(law: Law) -> str:
 @lru_cache(maxsize=16)
 def _endless(law: Law) -> tuple[Array, Array]:
     """Return coverages and the POD of endless parallel sweeps by a lateral range curve at spacing W / C."""
-    ranges, chances = table(law)
+    ranges, chances = range_curve(law)
     coverages = np.concatenate([np.linspace(0, 4, 161), np.linspace(4.25, MOST, 184)])
     pods = np.zeros(len(coverages))
     for k, c in enumerate(coverages[1:], 1):

@@ -20,7 +20,7 @@ from drift.products.maps.imprint import Setting
 
 
 @dataclass(frozen=True)
-class Matter:
+class SearchOutputs:
     """What the files and pictures are made from."""
 
     updates: Updates
@@ -30,17 +30,17 @@ class Matter:
     sensors: Sensors = NO_SENSORS
 
 
-def _evidence(matter: Matter, path: Path) -> None:
+def _evidence(matter: SearchOutputs, path: Path) -> None:
     from drift.evidence.filter.products import evidence_map  # imported here, for Matplotlib takes a second
 
-    evidence_map.draw(matter.updates, path, matter.setting)
+    evidence_map.plot_evidence(matter.updates, path, matter.setting)
 
 
-def _search(matter: Matter, path: Path, page: int = 1) -> None:
+def _search(matter: SearchOutputs, path: Path, page: int = 1) -> None:
     from drift.evidence.filter.products import map as search_map
 
     sorties = matter.updates.sorties
-    search_map.draw(
+    search_map.plot_searches(
         matter.forecast,
         sorties,
         matter.contacts,
@@ -52,35 +52,35 @@ def _search(matter: Matter, path: Path, page: int = 1) -> None:
     )
 
 
-def _lines(matter: Matter, path: Path) -> None:
+def _lines(matter: SearchOutputs, path: Path) -> None:
     from drift.evidence.filter.products import crossings_map
 
-    crossings_map.draw(matter.updates, path, matter.setting)
+    crossings_map.plot_crossings(matter.updates, path, matter.setting)
 
 
-FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+FILES: dict[str, Callable[[SearchOutputs, Stamped], Contents]] = {
     "sorties.csv": lambda matter, stamped: search_tables.csv(matter.updates, stamped["run_id"]),
     "sorties.geojson": lambda matter, stamped: search_tables.shapes(
         matter.updates.sorties, matter.contacts, matter.updates, stamped, matter.sensors
     ),
 }
-PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+PICTURES: dict[str, Callable[[SearchOutputs, Path], None]] = {
     "evidence.png": _evidence,
 }
 # Maps of the sorties, which need a forecast with outputs at their times.
-MAPS: dict[str, Callable[[Matter, Path], None]] = {
+MAPS: dict[str, Callable[[SearchOutputs, Path], None]] = {
     "search.png": _search,
 }
 # Of lines whose first crossing is asked for.
-LINE_FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+LINE_FILES: dict[str, Callable[[SearchOutputs, Stamped], Contents]] = {
     "lines.csv": lambda matter, stamped: crossings.csv(matter.updates.crossings, stamped["run_id"]),
 }
-LINE_PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+LINE_PICTURES: dict[str, Callable[[SearchOutputs, Path], None]] = {
     "lines.png": _lines,
 }
 
 
-def chapter(matter: Matter, *, mapped: bool) -> Chapter:
+def chapter(matter: SearchOutputs, *, mapped: bool) -> Chapter:
     """Return the chapter of a search; mapped: whether the forecast has outputs at the times of its sorties."""
     told = bool(matter.updates.all or matter.updates.sorties)
     files, pictures = (bound(FILES, matter), bound(PICTURES, matter)) if told else ({}, {})
@@ -92,8 +92,8 @@ def chapter(matter: Matter, *, mapped: bool) -> Chapter:
         more = range(2, 1 + search_map.pages(matter.updates.sorties))
         pictures |= bound(MAPS, matter) | {f"search-{page}.png": partial(_search, matter, page=page) for page in more}
     sorties = [sortie for sortie in matter.updates.sorties if not sortie.planned]  # the plan shows those
-    leaves = (partial(report.of, matter.updates, sorties, matter.contacts, matter.sensors),) if told else ()
-    return Chapter({"search": search_tables.numbers(matter.updates)}, files, pictures, leaves=leaves)
+    leaves = (partial(report.search_leaves, matter.updates, sorties, matter.contacts, matter.sensors),) if told else ()
+    return Chapter({"search": search_tables.summary_of_search(matter.updates)}, files, pictures, leaves=leaves)
 
 
 def overlay(sorties: Sequence[Sortie], contacts: Sequence[Contact], time: Any, sensors: Sensors = NO_SENSORS) -> Any:

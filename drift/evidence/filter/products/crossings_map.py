@@ -24,7 +24,7 @@ ACROSS = 3  # panels in a row
 WIDTH, HIGH, GAP, MARGIN = 14.0, 2.6, 0.85, 0.75  # [in] of the page; of a panel, and what is between them
 
 
-def draw(updates: Updates, path: Path, setting: Setting) -> None:
+def plot_crossings(updates: Updates, path: Path, setting: Setting) -> None:
     """Draw the probability of having crossed each line by time, with 5, 50 and 95 % of the first crossings."""
     crossings = updates.crossings
     assert crossings is not None

@@ -67,7 +67,7 @@ STROKES: tuple[tuple[str, Any, str], ...] = (  # colour, dashes, marker
 STRENGTH = ((1.2, ""), (3.0, "weak"), (20.0, "positive"), (150.0, "strong"), (math.inf, "very strong"))
 
 
-def draw(updates: Updates, path: Path, setting: Setting) -> None:
+def plot_evidence(updates: Updates, path: Path, setting: Setting) -> None:
     """Draw the evidence of a search; of many scenarios the likeliest, and the others together."""
     every, updates = updates, together(updates)
     steps = search_tables.steps(updates)
@@ -104,7 +104,7 @@ def _flown(updates: Updates) -> bool:
     return any(update.cumulative is not None for update in updates.all)
 
 
-def words(update: Update, before: Array, scenarios: tuple[str, ...]) -> tuple[str, str]:
+def evidence_in_words(update: Update, before: Array, scenarios: tuple[str, ...]) -> tuple[str, str]:
     """Return in plain words what an update says about the scenarios, and its Bayes factor and strength.
 
     It names the scenario whose odds against the others it moved most; both are empty where there is but one.
@@ -215,7 +215,7 @@ def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float
     rows = [first, *(np.asarray(update.posterior, float) for _, (update, _) in shown)]
     begin = "before the first update" if not shown or shown[0][0] == 1 else f"after update {shown[0][0] - 1}"
     short = tuple(page.names(updates.scenarios, 34))
-    said = [("", ""), *(words(update, before, short) for _, (update, before) in shown)]
+    said = [("", ""), *(evidence_in_words(update, before, short) for _, (update, before) in shown)]
     heads = ("Probability of each scenario [%]", "What moved it")
     ax = _rows(figure, room, shown, begin, said, heads, wide=not _flown(updates))
     left, y = np.zeros(len(rows)), np.arange(len(rows))

@@ -43,7 +43,7 @@ def pages(sorties: Sequence[Sortie]) -> int:
     return -(-len(sorties) // A_PAGE)
 
 
-def draw(
+def plot_searches(
     forecast: Forecast,
     sorties: Sequence[Sortie],
     contacts: Sequence[Contact],
@@ -188,7 +188,7 @@ def _map(
     shown = np.where(at["containment"].values <= mapped.SHOWN, layers.density(forecast, i), np.nan)
     mesh = layers.shade(ax, frame, forecast, shown, norm)
     chart.draw_land(ax, land)
-    count = effective.at(forecast.data, i, setting.particles)
+    count = effective.effective_at(forecast.data, i, setting.particles)
     outlines = layers.areas_of(forecast, at["time"].values, forecast.ends)
     layers.outline(ax, frame, forecast, outlines, count.few, width=0.6)
     layers.note(ax, layers.beside(frame, at, count), fontsize=7.5, weight="bold")

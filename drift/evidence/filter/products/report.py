@@ -21,7 +21,9 @@ SEEN = [
 ]
 
 
-def of(updates: Updates, sorties: Sequence[Sortie], contacts: Sequence[Contact], sensors: Sensors) -> list[Leaf]:
+def search_leaves(
+    updates: Updates, sorties: Sequence[Sortie], contacts: Sequence[Contact], sensors: Sensors
+) -> list[Leaf]:
     """Return the leaves of a search; sorties: those that have been flown."""
     shown: list[Leaf] = []
     if sorties:
@@ -62,7 +64,7 @@ def _updates(planned: bool) -> Leaf:
         ("ess_after", "Effective particles after", "count"),
     ]  # fmt: skip
     note = "POD: of those inside; POC: probability that it was inside; POS: that it was found. In order of time."
-    return leaves.table(
+    return leaves.table_leaf(
         "Sorties, contacts and sensors",
         columns,
         file="sorties.csv",
@@ -81,4 +83,4 @@ def _scenarios(updates: Updates) -> Leaf:
         [name, float(of_shown.prior[k]), *(float(update.posterior[k]) for update in of_shown.all)]
         for k, name in enumerate(of_shown.scenarios)
     ]
-    return leaves.table("Scenarios", columns, rows=rows, note="Probability of each scenario after each update.")
+    return leaves.table_leaf("Scenarios", columns, rows=rows, note="Probability of each scenario after each update.")

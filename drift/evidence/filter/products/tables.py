@@ -117,7 +117,7 @@ def bayes_factors(update: Update, before: Array) -> Array:
     return factors
 
 
-def numbers(updates: Updates) -> dict[str, Any]:
+def summary_of_search(updates: Updates) -> dict[str, Any]:
     """Return the numbers of the search for the summary.
 
     They are each update, and how the search stands after all of them. Of many scenarios the figures of each update are
@@ -137,7 +137,7 @@ def numbers(updates: Updates) -> dict[str, Any]:
         },
         "log_evidence": updates.log_evidence,
         "distinct": updates.all[-1].distinct if updates.all else 1.0,
-        **({"lines": crossings.numbers(updates.crossings)} if updates.crossings else {}),
+        **({"lines": crossings.summary_of_crossings(updates.crossings)} if updates.crossings else {}),
     }
 
 

@@ -68,7 +68,7 @@ def of_unit(unit: Unit, spec: PlanSpec, place: tuple[float, float], after: float
     spans = [(begin, until)]
     if unit.daylight:
         spans = daylight.windows(begin, until, float(np.degrees(place[0])), float(np.degrees(place[1])))
-    if laws.of(unit.law).detects != "anywhere":  # a search without legs needs no margin
+    if laws.formulas_of(unit.law).detects != "anywhere":  # a search without legs needs no margin
         spans = [(first, last - MARGIN) for first, last in spans if last - first > MARGIN]
     base = tuple(float(v) for v in np.radians(unit.base))
     return Availability((base[0], base[1]), leaves, unit.transit_speed, tuple(spans), SHARE * unit.endurance)

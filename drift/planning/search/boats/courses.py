@@ -113,12 +113,12 @@ def prepare(
     region = seas.region(plane, flat, margin)
     polygons = land(region.box)
     shoals = None if shallow is None else shallow(region.box)
-    sea = seas.build(polygons, region, unit.clear_of_land, shoals)
+    sea = seas.build_sea(polygons, region, unit.clear_of_land, shoals)
     if sea is None:
         return None, ""
     inshore = sea
     if sea.keeps > seas.CLEAR or (shoals is not None and len(shoals)):
-        inshore = seas.build(polygons, region) or seas.build(polygons, region, 0.0, shoals) or sea
+        inshore = seas.build_sea(polygons, region) or seas.build_sea(polygons, region, 0.0, shoals) or sea
     main = _main(sea, flat[2:])
     out = home = _harbour(sea, inshore, unit.base, main)
     sentences = [_remarks("leaves", out, sea)]

@@ -116,7 +116,7 @@ def region(plane: Plane, places: Array, margin: float) -> Region:
     return Region(plane, low, high, box.grown(0.1, 0.1))
 
 
-def build(
+def build_sea(
     polygons: Sequence[Any] | Array, where: Region, keeps: float = 0.0, shoals: Array | None = None
 ) -> Sea | None:
     """Return the sea of a region; None without land in it.
@@ -143,7 +143,7 @@ def build(
         return np.column_stack([sphere.near_degrees(x, centre), y])
 
     degrees = shapely.transform(shapely.segmentize(barrier, 1000.0), back)
-    device = crossing.upload(shoreline.build(Shore(degrees, "barrier"), box))
+    device = crossing.upload(shoreline.build_coast(Shore(degrees, "barrier"), box))
     step = max(FINEST, math.sqrt(float(np.prod(high - low)) / NODES))
     nx, ny = (int(v) + 1 for v in np.floor((high - low) / step))
     x, y = np.meshgrid(low[0] + step * np.arange(nx), low[1] + step * np.arange(ny))

@@ -51,11 +51,11 @@ def area(laid: Laid, sailed: Sailed, length: float, spacing: float, sea: Callabl
     low, high = max(ends.min() - spacing / 2, -length / 2), min(ends.max() + spacing / 2, length / 2)
     first, many = int(number.min()), int(np.ptp(number)) + 1
     centre = (low + high) / 2, -laid.corner[1] * (first + (many - legs) / 2) * spacing
-    x, y = patterns.at(laid.centre, laid.turn, centre[0] + np.array([0.0, AHEAD]), np.full(2, centre[1]))
+    x, y = patterns.points_along(laid.centre, laid.turn, centre[0] + np.array([0.0, AHEAD]), np.full(2, centre[1]))
     ahead = sphere.offset(*np.radians([x[0], y[0], x[1], y[1]]))
     turned = float((np.arctan2(ahead[0], ahead[1]) - laid.turn + np.pi) % (2 * np.pi) - np.pi)  # meridians converge
     ticks = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
-    places = patterns.at(
+    places = patterns.points_along(
         laid.centre, laid.turn, *(v.ravel() for v in np.meshgrid(centre[0] + ticks * (high - low),
                                                                 centre[1] + ticks * many * spacing))
     )  # fmt: skip

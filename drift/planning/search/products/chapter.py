@@ -20,7 +20,7 @@ from geo.box import Box
 
 
 @dataclass(frozen=True)
-class Matter:
+class PlanOutputs:
     """What the files and pictures are made from."""
 
     plan: Plan
@@ -31,7 +31,7 @@ class Matter:
     synthetic: bool  # winds or currents are made up
 
 
-def _text(matter: Matter, stamped: Stamped) -> str:
+def _text(matter: PlanOutputs, stamped: Stamped) -> str:
     plan = matter.plan
     notes = [
         f"{name} is not sent: it cannot search in this period, or would add nothing."
@@ -39,44 +39,44 @@ def _text(matter: Matter, stamped: Stamped) -> str:
         if not any(words.startswith(f"{name} is not sent") for words in plan.said)
     ]
     title, run = matter.setting.imprint.title, stamped["run_id"]
-    return plan_text.text(plan, title, run, [*notes, *plan.said], synthetic=matter.synthetic)
+    return plan_text.plan_text(plan, title, run, [*notes, *plan.said], synthetic=matter.synthetic)
 
 
-def _map(matter: Matter, path: Path) -> None:
+def _map(matter: PlanOutputs, path: Path) -> None:
     from drift.planning.search.products import map as plan_map  # here: Matplotlib takes a second to import
 
-    plan_map.draw(matter.forecast, matter.plan, path, matter.setting)
+    plan_map.plot_plan(matter.forecast, matter.plan, path, matter.setting)
 
 
-FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+FILES: dict[str, Callable[[PlanOutputs, Stamped], Contents]] = {
     "plan.txt": _text,
     "plan.gpx": lambda matter, stamped: plan_files.gpx(matter.plan, matter.setting.imprint.title, stamped["run_id"]),
     "plan.kml": lambda matter, stamped: plan_files.kml(matter.plan, matter.setting.imprint.title, stamped["run_id"]),
     "plan.geojson": lambda matter, stamped: plan_files.geojson(matter.plan, stamped),
-    "plan.json": lambda matter, stamped: {"run_id": stamped["run_id"], **plan_files.numbers(matter.plan)},
+    "plan.json": lambda matter, stamped: {"run_id": stamped["run_id"], **plan_files.plan_as_json(matter.plan)},
     "plan.toml": lambda matter, stamped: plan_files.toml(matter.plan, matter.taken),
 }
-PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+PICTURES: dict[str, Callable[[PlanOutputs, Path], None]] = {
     "plan.png": _map,
 }
 
 
-def chapter(matter: Matter) -> Chapter:
+def chapter(matter: PlanOutputs) -> Chapter:
     """Return the chapter of a plan."""
     return Chapter(
         {},
         bound(FILES, matter),
         bound(PICTURES, matter) | _sheets(matter),
-        leaves=(partial(report.of, matter.plan),),
+        leaves=(partial(report.plan_leaves, matter.plan),),
         warnings=tuple(plan_text.rough(matter.plan)),
     )
 
 
-def _sheets(matter: Matter) -> dict[str, Callable[[Path], None]]:
+def _sheets(matter: PlanOutputs) -> dict[str, Callable[[Path], None]]:
     """Return, by name, what draws the sheets of the units, plan-A-1.png and so on."""
     from drift.planning.search.products import unit_sheet
 
-    draw = partial(unit_sheet.draw, matter.plan)
+    draw = partial(unit_sheet.plot_unit_sheet, matter.plan)
     polygons = matter.land(unit_sheet.box(matter.plan)) if matter.land and matter.plan.taskings else ()
     return {
         name: partial(draw, which, imprint=matter.setting.imprint, number=number, polygons=polygons)

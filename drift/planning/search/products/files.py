@@ -25,9 +25,9 @@ SAME = 20.0  # [m] by which legs may differ from those of a pattern that is writ
 INKS = ("ff2a00c8", "ffb04f0b", "ff008a1c", "ff7a0f9b", "ff006a8a", "ff3a3a3a")  # aabbggrr
 
 
-def numbers(plan: Plan) -> dict[str, Any]:
+def plan_as_json(plan: Plan) -> dict[str, Any]:
     """Return a plan's numbers for plan.json; see drift.planning.search.products.subareas."""
-    return {**subareas.numbers(plan), "warnings": plan_text.rough(plan)}
+    return {**subareas.summary_of_plan(plan), "warnings": plan_text.rough(plan)}
 
 
 def gpx(plan: Plan, title: str = "Search plan", run: str = "") -> str:
@@ -48,7 +48,7 @@ def gpx(plan: Plan, title: str = "Search plan", run: str = "") -> str:
         markup.leaf(way, "type", "search")
         for point in subareas.route(name, tasking):
             _point(way, "rtept", point, "")
-    return markup.text(root)
+    return markup.document_text(root)
 
 
 def _point(parent: ET.Element, tag: str, at: subareas.Waypoint, words: str) -> None:
@@ -66,7 +66,7 @@ def kml(plan: Plan, title: str = "Search plan", run: str = "") -> str:
         folder = kml_file.folder(document, f"{name} {tasking.unit.name}")
         for shape, geometry in _shapes(tasking).items():
             ends = (tasking.takeoff, tasking.home) if shape == "transit" else (tasking.on_scene, tasking.off_scene)
-            kml_file.place(
+            kml_file.append_place(
                 folder,
                 name if shape == "area" else f"{name} {shape}",
                 _description(tasking),
@@ -74,7 +74,7 @@ def kml(plan: Plan, title: str = "Search plan", run: str = "") -> str:
                 "" if shape == "csp" else f"{'transit' if shape == 'round' else shape}{k % len(INKS)}",
                 geometry,
             )
-    return markup.text(root)
+    return markup.document_text(root)
 
 
 def geojson(plan: Plan, attributes: Mapping[str, Any]) -> dict[str, Any]:
@@ -83,7 +83,7 @@ def geojson(plan: Plan, attributes: Mapping[str, Any]) -> dict[str, Any]:
     It is that of RFC 7946: shapes are cut at 180 degrees.
     """
     features = []
-    whole = numbers(plan)
+    whole = plan_as_json(plan)
     counts = {f"effective_particles_{name}": value for name, value in whole["effective_particles"].items()}
     for row, tasking in zip(whole["taskings"], plan.taskings, strict=True):
         for shape, geometry in _shapes(tasking).items():
@@ -152,7 +152,7 @@ def _table(name: str, tasking: Tasking, plan: Plan) -> dict[str, str]:
         table["end"] = _quoted(notation.iso(sortie.end))
     if not sortie.ashore:
         table["ashore"] = "false"
-    table["law"] = laws.of(sortie.law).written(sortie.law)
+    table["law"] = laws.formulas_of(sortie.law).written(sortie.law)
     table["sweep_width"] = _widths(sortie.sweep_width, plan)
     if sortie.width_under_way not in ((), sortie.sweep_width):
         table["sweep_width_under_way"] = _widths(sortie.width_under_way, plan)
@@ -170,7 +170,7 @@ def _where(tasking: Tasking) -> dict[str, str]:
     """Return what a sortie searches: a pattern, waypoints, or an area with its spacing."""
     sortie = tasking.sortie
     shape = {
-        "centre": _quoted(place(*tasking.centre)),
+        "centre": _quoted(navigators_position(*tasking.centre)),
         "length": _quoted(f"{tasking.length / NMI:.9g} nmi"),
         "width": _quoted(f"{tasking.width / NMI:.9g} nmi"),
         "orientation": f"{math.degrees(tasking.orientation) % 360:.9g}",
@@ -181,12 +181,12 @@ def _where(tasking: Tasking) -> dict[str, str]:
         apart = next((width / coverage for width, coverage in pairs if width > 0 and coverage > 0), tasking.spacing)
         return {"area": _inline(shape), "spacing": _quoted(f"{apart / NMI:.9g} nmi")}
     if _is_parallel(tasking):
-        spacing, corner = f"{tasking.spacing / NMI:.9g} nmi", place(*subareas.begin(tasking))
+        spacing, corner = f"{tasking.spacing / NMI:.9g} nmi", navigators_position(*subareas.begin(tasking))
         shape |= {"spacing": _quoted(spacing), "corner": _quoted(corner)}
         return {"pattern": _inline({"kind": '"parallel"', **shape})}
     legs = sortie.legs
     rows = [
-        f"[{_quoted(notation.iso(np.datetime64(round(t), 's')))}, {_quoted(place(x, y))}]"
+        f"[{_quoted(notation.iso(np.datetime64(round(t), 's')))}, {_quoted(navigators_position(x, y))}]"
         for t, x, y in zip(legs.time, legs.lon, legs.lat, strict=True)
     ]
     searched = {"waypoints": "[\n  " + ",\n  ".join(rows) + ",\n]"}
@@ -245,7 +245,7 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def place(lon: float, lat: float) -> str:
+def navigators_position(lon: float, lat: float) -> str:
     """Return a position in degrees and decimal minutes to 0.2 m, 27 30.5000N 088 15.0000W."""
     lon = sphere.wrap_degrees(lon)
     return f"{_minutes(lat, 2)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"

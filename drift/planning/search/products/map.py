@@ -46,7 +46,7 @@ SHEET = Sheet(
 )  # fmt: skip
 
 
-def draw(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: int | None = None) -> None:
+def plot_plan(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: int | None = None) -> None:
     """Draw a plan on the probability at an output.
 
     time: index of the output; by default the one nearest to the middle of the plan's first round.
@@ -54,7 +54,7 @@ def draw(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: 
     i = nearest(forecast, plan) if time is None else range(forecast.data.sizes["time"])[time]
     at = forecast.data.isel(time=i)
     on = sheet.begin(SHEET)
-    count = effective.at(forecast.data, i, setting.particles)
+    count = effective.effective_at(forecast.data, i, setting.particles)
     least = count if count.few else min(_stood_on(plan, count), key=lambda count: count.number)
     frame, high, out = _framed(forecast, plan, i, setting.marks, MAP[3] - ROW * least.few)
     ax = on.figure.add_axes((*MAP[:3], high))
@@ -190,7 +190,7 @@ def _plan(
             texts.append((float(x), float(y), _some(list(dict.fromkeys(who))), {"fontsize": 8, "color": INK}))
     texts += _beyond(frame, plan)
     bar = chart.scale_bar(ax, frame, chart.free_corner(frame, *busy))
-    labels.place(ax, canvas, texts, [bar], must=set(range(must)))
+    labels.place_labels(ax, canvas, texts, [bar], must=set(range(must)))
 
 
 def line(ax: Axes, frame: Frame, points: Array, style: dict[str, Any], zorder: float) -> None:

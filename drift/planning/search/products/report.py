@@ -14,11 +14,11 @@ TOLD = [
 ]  # fmt: skip
 
 
-def of(plan: Plan) -> list[Leaf]:
+def plan_leaves(plan: Plan) -> list[Leaf]:
     """Return the leaves of a plan."""
     file = "plan.geojson"
     told = [*TOLD[:4], *([("pos_ashore", "of it ashore", "share")] if plan.spec.ashore else []), *TOLD[4:]]
-    rows = [[row["area"], *(row[name] for name, _, _ in told)] for row in files.numbers(plan)["taskings"]]
+    rows = [[row["area"], *(row[name] for name, _, _ in told)] for row in files.plan_as_json(plan)["taskings"]]
     return [
         leaves.shapes(
             "Planned areas", file, "planned", where={"shape": "area"}, span=SPAN, label="area", told=TOLD, frame=True
@@ -28,6 +28,8 @@ def of(plan: Plan) -> list[Leaf]:
         leaves.shapes(
             "Commence search points", file, "planned_point", where={"shape": "csp"}, told=[("area", "Area", "words")]
         ),
-        leaves.table("Units of the plan", [("area", "Area", "words"), *told], rows=rows, note=plan_text.stranded(plan)),
-        leaves.text("Search action plan", file="plan.txt"),
+        leaves.table_leaf(
+            "Units of the plan", [("area", "Area", "words"), *told], rows=rows, note=plan_text.stranded(plan)
+        ),
+        leaves.text_leaf("Search action plan", file="plan.txt"),
     ]

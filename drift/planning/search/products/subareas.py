@@ -211,7 +211,7 @@ def degrees(angle: float) -> int:
     return round(math.degrees(angle) - 1) % 360 + 1
 
 
-def numbers(plan: Plan) -> dict[str, Any]:
+def summary_of_plan(plan: Plan) -> dict[str, Any]:
     """Return a plan's numbers for the summary; angles in degrees, lengths in nmi, speeds in kn."""
     return {
         "objective": plan.spec.objective,
@@ -309,5 +309,5 @@ def stories(plan: Plan) -> list[tuple[str, float]]:
 def told(plan: Plan, *values: Array) -> tuple[list[str], list[list[float]]]:
     """Return the names of the scenarios that are told of by themselves, and values of each; of the others the mean."""
     share = np.ones(len(plan.scenarios)) if plan.shares is None else plan.shares
-    shown = likeliest.of(share)
+    shown = likeliest.likeliest_scenarios(share)
     return shown.names(plan.scenarios), [shown.means(np.asarray(v, float), share).tolist() for v in values]

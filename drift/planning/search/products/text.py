@@ -28,7 +28,7 @@ SPACING = {"sector": "Radius"}  # what the spacing of a pattern is called
 STATES = ("adrift", "under way")
 
 
-def text(
+def plan_text(
     plan: Plan,
     case_title: str,
     run: str,

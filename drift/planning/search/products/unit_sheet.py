@@ -73,7 +73,7 @@ def box(plan: Plan) -> Box:
     return box.grown(0.3 + 0.2 * float(np.ptp(lon)), 0.2 + 0.2 * float(np.ptp(every[:, 1])))
 
 
-def draw(
+def plot_unit_sheet(
     plan: Plan,
     which: int,
     path: Path,
@@ -132,7 +132,7 @@ def _chart(figure: Figure, canvas: FigureCanvasAgg, tasking: Tasking, way: Seque
         style = {"fontsize": 9 if ends else 6.2, "color": "#000000", "weight": "bold" if ends else "normal"}
         texts.append((float(x[k]), float(y[k]), _short(point), style))
     bar = chart.scale_bar(ax, frame, chart.free_corner(frame, x, y))
-    labels.place(ax, canvas, texts, [bar], must={0, len(texts) - 1})
+    labels.place_labels(ax, canvas, texts, [bar], must={0, len(texts) - 1})
     handles = [
         (Line2D([], [], **{**search_layers.LEGS, "linewidth": 1.0}), "Leg of search"),
         (Line2D([], [], **{**search_layers.AREA, "linewidth": 1.2, "linestyle": (0, (6, 3))}), "Sub-area"),

@@ -17,14 +17,14 @@ from drift.spills.worlds.renewal import Aftermath
 
 
 @dataclass(frozen=True)
-class Matter:
+class SpillOutputs:
     """What the files and pictures are made from."""
 
     after: Aftermath
     setting: Setting
 
 
-def _washup(matter: Matter, path: Path) -> None:
+def _washup(matter: SpillOutputs, path: Path) -> None:
     from drift.spills.worlds.products import map as washup_map  # imported here, for Matplotlib takes a second
 
     after = matter.after
@@ -32,7 +32,7 @@ def _washup(matter: Matter, path: Path) -> None:
         washup_map.Patrolled(patrol["name"], patrol["time"], patrol["detection"], patrol["segments"])
         for patrol in renewal.patrols(after.spill, after.segments)
     ]
-    washup_map.draw(
+    washup_map.plot_washup(
         after.washup, after.segments, path, matter.setting, finds=finds(after), patrols=washup_map.Patrols(walked),
         warning=renewal.warning(after), silence=renewal.silence(after),
     )  # fmt: skip
@@ -45,30 +45,30 @@ def finds(after: Aftermath) -> list[Mark]:
     return [Mark(*place, f"{k}") for k, place in enumerate(at, 1)]
 
 
-FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+FILES: dict[str, Callable[[SpillOutputs, Stamped], Contents]] = {
     "washup.nc": lambda matter, stamped: matter.after.washup,
     "washup.csv": lambda matter, stamped: washup_tables.stretches(matter.after.washup, stamped["run_id"]),
     "washup_times.csv": lambda matter, stamped: washup_tables.times(matter.after.washup, stamped["run_id"]),
     "totals.csv": lambda matter, stamped: washup_tables.totals(matter.after.washup, stamped["run_id"]),
     "washup.geojson": lambda matter, stamped: washup_tables.lines(matter.after.washup, matter.after.segments, stamped),
-    "unknowns.csv": lambda matter, stamped: unknowns.text(
+    "unknowns.csv": lambda matter, stamped: unknowns.unknowns_csv(
         renewal.unknown(matter.after), matter.after.posterior.effective, stamped["run_id"]
     ),
 }
 # Of a spill with finds.
-FIND_FILES: dict[str, Callable[[Matter, Stamped], Contents]] = {
+FIND_FILES: dict[str, Callable[[SpillOutputs, Stamped], Contents]] = {
     "finds.csv": lambda matter, stamped: verdict.csv(
         renewal.told(matter.after), matter.after.posterior.effective, stamped["run_id"]
     ),
 }
-PICTURES: dict[str, Callable[[Matter, Path], None]] = {
+PICTURES: dict[str, Callable[[SpillOutputs, Path], None]] = {
     "washup.png": _washup,
 }
 
 
-def chapter(matter: Matter) -> Chapter:
+def chapter(matter: SpillOutputs) -> Chapter:
     """Return the chapter of a spill."""
     after = matter.after
     files = bound(FILES, matter) | (bound(FIND_FILES, matter) if after.spill.finds else {})
-    leaves = (lambda: report.of(finds(after), renewal.silence(after)),)
-    return Chapter(renewal.numbers(after), files, bound(PICTURES, matter), leaves=leaves)
+    leaves = (lambda: report.spill_leaves(finds(after), renewal.silence(after)),)
+    return Chapter(renewal.summary_of_spill(after), files, bound(PICTURES, matter), leaves=leaves)

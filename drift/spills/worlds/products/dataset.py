@@ -57,7 +57,7 @@ ERRORS_MEAN = (
 )
 
 
-def build(
+def build_washup_dataset(
     figures: Mapping[str, Array],
     segments: Segments,
     touched: Array,
@@ -67,7 +67,7 @@ def build(
     start: np.datetime64,
     kinds: Sequence[str],
 ) -> xr.Dataset:
-    """Return figures (see drift.spills.worlds.washup.build) as a dataset, which has no stretch where none was touched.
+    """Return figures (see drift.spills.worlds.washup.build_washup) as a dataset, which has no stretch where none was touched.
 
     figures: FIGURES and their errors by name, times in seconds after the start; those of stretches may be missing.
     touched: numbers of the stretches in `segments`, (s,).

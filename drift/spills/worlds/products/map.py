@@ -104,7 +104,7 @@ class _Shown:
     rank: Array  # of these, as in the tables, where stretches that are not drawn count too
 
 
-def draw(
+def plot_washup(
     data: xr.Dataset,
     segments: Segments,
     path: Path,
@@ -115,7 +115,7 @@ def draw(
     warning: str | None = None,
     silence: str | None = None,
 ) -> None:
-    """Draw a washup (see drift.spills.worlds.washup.build) at its last output time.
+    """Draw a washup (see drift.spills.worlds.washup.build_washup) at its last output time.
 
     setting: its marks are where the objects were released. finds: where objects were found, each labelled by its
     number; the figures are then of the objects not yet found. patrols: drawn beside the coast, the last of them with
@@ -289,7 +289,7 @@ def _points(
     every = np.concatenate([*coast, np.array([text[:2] for text in texts]).reshape(-1, 2)])
     bar = chart.scale_bar(ax, frame, chart.free_corner(frame, every[:, 0], every[:, 1]))
     taken = [bar, *_along(frame, coast)]
-    labels.place(ax, canvas, texts, taken, must=set(range(must)))
+    labels.place_labels(ax, canvas, texts, taken, must=set(range(must)))
 
 
 def _patrolled(ax: Axes, frame: Frame, walked: Sequence[list[Array]]) -> None:

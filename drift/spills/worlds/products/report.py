@@ -25,12 +25,12 @@ BEFOREHAND = (
 )
 
 
-def of(finds: Sequence[Mark], silence: str | None) -> list[Leaf]:
+def spill_leaves(finds: Sequence[Mark], silence: str | None) -> list[Leaf]:
     """Return the leaves of a spill and its finds; silence: what is taken for granted about what was not found."""
     words = f"Assumed: {silence}." if silence else ""
     shown = [leaves.marked("Finds", finds, (), "find")] if finds else []
-    listed = [leaves.table("Finds, one by one", FINDS, file="finds.csv", note=BEFOREHAND + words)] if finds else []
-    quiet = [leaves.text("What was not found", words=words)] if silence and not finds else []
+    listed = [leaves.table_leaf("Finds, one by one", FINDS, file="finds.csv", note=BEFOREHAND + words)] if finds else []
+    quiet = [leaves.text_leaf("What was not found", words=words)] if silence and not finds else []
     return [
         leaves.shapes(
             "Washup by stretch", "washup.geojson", "stretch", told=TOLD, graded=("washup_times.csv", "segment", "expected")
@@ -38,7 +38,7 @@ def of(finds: Sequence[Mark], silence: str | None) -> list[Leaf]:
         *shown,
         *listed,
         *quiet,
-        leaves.table(
+        leaves.table_leaf(
             "Washup by stretch, at the end",
             [
                 ("rank", "Rank", "count"), ("rank_per_km", "Rank per km", "count"), ("position", "Position", "words"), ("near", "Nearest town", "words"), ("near_across_water", "Across water", "words"),
@@ -48,7 +48,7 @@ def of(finds: Sequence[Mark], silence: str | None) -> list[Leaf]:
             note="Worst first, by the average number; a long stretch gets much for its length alone: beside it stands the rank by the number per km."
             + (" All numbers are of objects not yet found." if finds else ""),
         ),
-        leaves.table(
+        leaves.table_leaf(
             "Account of all objects",
             [
                 ("time", "Time", "time"), ("fate", "Fate", "words"), ("number_10", "10 % chance of at most", "number"), ("number_50", "50 %", "number"),
@@ -57,7 +57,7 @@ def of(finds: Sequence[Mark], silence: str | None) -> list[Leaf]:
             file="totals.csv",
             by_time="time",
         ),
-        leaves.table(
+        leaves.table_leaf(
             "What is not known of the spill",
             [
                 ("unknown", "Unknown", "words"), ("unit", "Unit", "words"), ("prior_mean", "Mean before", "words"), ("prior_10%", "10 %", "words"),

@@ -82,7 +82,7 @@ def stretch(segments: Segments, number: int) -> str:
     lon, lat, name = float(segments.lon[number]), float(segments.lat[number]), segments.name[number]
     place = notation.position(lon, lat) or ""
     (found,) = gazetteer.nearest(np.array([lon]), np.array([lat]), segments.land)
-    town = gazetteer.words(found) if place and place in name else ""
+    town = gazetteer.place_in_words(found) if place and place in name else ""
     return called(number, name, place) + (f", {town}" if town else "")
 
 
