@@ -167,7 +167,7 @@ def measure_terms(sizes: list[int], rounds: int, finer: int) -> Iterator[dict[st
                 if term.forcing == SORTED:
                     lon, lat = along_curve(lon, lat)
                 ensemble = throughput.ensemble_at(lon, lat)
-                own = kernel.batch.of((0, n), (0,), (0,))
+                own = kernel.batch.batch_of((0, n), (0,), (0,))
                 move = kernel.mover(
                     ensemble, own, tiles, term.ranges, (term.physics,), term.surroundings(device), direction=1
                 )

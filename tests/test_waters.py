@@ -51,7 +51,7 @@ def test_sources_that_are_read_in_another_way_are_others(change: dict[str, objec
         assert opened[0] is not opened[1]
         box = Box(-89.0, 26.0, -87.0, 28.0)
         for one, own in zip(pair, opened, strict=True):
-            read = shared_forcing.sources.cut(shared_forcing.sources.keep(own, box), box).read(0)
+            read = shared_forcing.sources.part_of_source(shared_forcing.sources.keep(own, box), box).read(0)
             assert np.abs(read).max() == pytest.approx(0.3 * (factor if one is other else 1.0), rel=1e-5)
 
 
@@ -160,7 +160,7 @@ def test_near_cases_share_their_waters_and_far_ones_do_not(tmp_path: Path) -> No
 def test_parts_that_were_asked_for_last_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of three places two are kept: a part is cut once, as long as no two others are asked for after it."""
     made: list[Box] = []
-    cut = shared_forcing.sources.cut
+    cut = shared_forcing.sources.part_of_source
     monkeypatch.setattr(shared_forcing, "CUTS", 2)
     monkeypatch.setattr(shared_forcing.sources, "cut", lambda source, box: (made.append(box), cut(source, box))[1])
     shared = Waters(Box(-90.0, 26.0, -86.0, 29.0), Files(held()))

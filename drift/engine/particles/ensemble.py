@@ -98,7 +98,7 @@ class Layout:
     def batch(self, scenarios: tuple[int, ...]) -> Batch:
         """Return the slots of some scenarios (ascending), for one launch; they are made once and kept."""
         if scenarios not in self._batches:
-            self._batches[scenarios] = batch.of(self.bounds, self.numbers, scenarios)
+            self._batches[scenarios] = batch.batch_of(self.bounds, self.numbers, scenarios)
         return self._batches[scenarios]
 
 

@@ -341,18 +341,18 @@ def test_a_full_disk_keeps_what_is_finished(
     with pytest.raises(drift.UserError, match=r"need 1\.8 MiB, and 0\.0 MiB"):
         drift.run(case, out, shards=4)
     monkeypatch.setattr(work.shutil, "disk_usage", usage)
-    keep = work.Reel._keep
+    keep = work.ShardFile._keep
 
-    def full(self: work.Reel, name: str, values: np.ndarray) -> int:
+    def full(self: work.ShardFile, name: str, values: np.ndarray) -> int:
         if "00002" in self.file.name and len(self.taken) == 2:
             raise spool.NoRoom("No space left on device")
         return keep(self, name, values)
 
-    monkeypatch.setattr(work.Reel, "_keep", full)
+    monkeypatch.setattr(work.ShardFile, "_keep", full)
     with pytest.raises(drift.UserError, match=r"No space left on device; 2 shards are finished and kept there"):
         drift.run(case, out, shards=4)
     assert shards_of(out) == [f"shard-0000{k}-000.{kind}" for k in (0, 1) for kind in ("bin", "json")]
-    monkeypatch.setattr(work.Reel, "_keep", keep)
+    monkeypatch.setattr(work.ShardFile, "_keep", keep)
     runs.same(drift.run(case, out, shards=4), made)
 
 
