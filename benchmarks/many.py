@@ -45,7 +45,7 @@ PHASES = (
     (run_setup, "open_for"),
     (run_setup, "prepare"),
     (step_size, "choose_step"),
-    (prior, "draw"),
+    (prior, "draw_ensemble"),
     (forecast_build, "begin"),
 )
 
