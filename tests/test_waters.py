@@ -162,7 +162,9 @@ def test_parts_that_were_asked_for_last_are_kept(monkeypatch: pytest.MonkeyPatch
     made: list[Box] = []
     cut = shared_forcing.sources.part_of_source
     monkeypatch.setattr(shared_forcing, "CUTS", 2)
-    monkeypatch.setattr(shared_forcing.sources, "part_of_source", lambda source, box: (made.append(box), cut(source, box))[1])
+    monkeypatch.setattr(
+        shared_forcing.sources, "part_of_source", lambda source, box: (made.append(box), cut(source, box))[1]
+    )
     shared = Waters(Box(-90.0, 26.0, -86.0, 29.0), Files(held()))
     a, b, c = (Box(-89.0 + k, 26.2 + 0.3 * k, -88.2 + k, 27.1 + 0.3 * k) for k in range(3))
     for box in (a, b, a, c, a, b):
