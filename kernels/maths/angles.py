@@ -16,16 +16,24 @@ EIGHTH = 0.41421356237309503  # tan(pi/8)
 
 
 @ti.func
-def sincos(angle: ti.f32):
-    """Return sine and cosine of an angle [rad], within 1e-7."""
-    quarters = ti.round(angle * ti.f32(0.6366197723675814))
-    x = angle - quarters * QUARTERS[0] - quarters * QUARTERS[1] - quarters * ti.f32(QUARTERS[2])
+def series(
+    kind: ti.template(), x: ti.template(), quarters: ti.template(), sine_terms: ti.template(), cosine_terms: ti.template()
+):
+    """Return sine and cosine of an angle of so many quarter turns and x [rad], by the Taylor series about 0.
+
+    Args:
+        kind: type of the numbers, ti.f32 or ti.f64.
+        x: what the angle exceeds the quarter turns by [rad], from -pi/4 to pi/4.
+        quarters: number of quarter turns, a whole number.
+        sine_terms: (2 k) (2 k + 1) for each term of the sine.
+        cosine_terms: (2 k - 1) (2 k) for each term of the cosine.
+    """
     y = x * x
-    sine, cosine = ti.f32(1.0), ti.f32(1.0)
-    for k in ti.static(range(len(SINE) - 1, -1, -1)):
-        sine = 1.0 - y * ti.f32(1 / SINE[k]) * sine
-    for k in ti.static(range(len(COSINE) - 1, -1, -1)):
-        cosine = 1.0 - y * ti.f32(1 / COSINE[k]) * cosine
+    sine, cosine = kind(1.0), kind(1.0)
+    for k in ti.static(range(len(sine_terms) - 1, -1, -1)):
+        sine = 1.0 - y * kind(1 / sine_terms[k]) * sine
+    for k in ti.static(range(len(cosine_terms) - 1, -1, -1)):
+        cosine = 1.0 - y * kind(1 / cosine_terms[k]) * cosine
     sine *= x
     turned = ti.cast(quarters, ti.i32)
     s, c = sine, cosine
@@ -34,6 +42,14 @@ def sincos(angle: ti.f32):
     if turned & 2 == 2:
         s, c = -s, -c
     return s, c
+
+
+@ti.func
+def sincos(angle: ti.f32):
+    """Return sine and cosine of an angle [rad], within 1e-7."""
+    quarters = ti.round(angle * ti.f32(0.6366197723675814))
+    x = angle - quarters * QUARTERS[0] - quarters * QUARTERS[1] - quarters * ti.f32(QUARTERS[2])
+    return series(ti.f32, x, quarters, SINE, COSINE)
 
 
 @ti.func

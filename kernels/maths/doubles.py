@@ -18,20 +18,7 @@ def sincos(angle: ti.f64):
     """Return sine and cosine of an angle [rad], within 3e-16."""
     quarters = ti.round(angle * ti.f64(0.6366197723675814))
     x = angle - quarters * ti.f64(QUARTERS[0]) - quarters * ti.f64(QUARTERS[1])
-    y = x * x
-    sine, cosine = ti.f64(1.0), ti.f64(1.0)
-    for k in ti.static(range(len(SINE) - 1, -1, -1)):
-        sine = 1.0 - y * ti.f64(1 / SINE[k]) * sine
-    for k in ti.static(range(len(COSINE) - 1, -1, -1)):
-        cosine = 1.0 - y * ti.f64(1 / COSINE[k]) * cosine
-    sine *= x
-    turned = ti.cast(quarters, ti.i32)
-    s, c = sine, cosine
-    if turned & 1 == 1:
-        s, c = cosine, -sine
-    if turned & 2 == 2:
-        s, c = -s, -c
-    return s, c
+    return angles.series(ti.f64, x, quarters, SINE, COSINE)
 
 
 @ti.func
