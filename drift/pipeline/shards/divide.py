@@ -35,6 +35,7 @@ from kernels.step.coast import DeviceCoast
 GIB = 2**30
 BASE = 700 * 2**20  # [bytes] that a run takes however few its particles are: the program, the forcing, the coast, maps
 HELD = 200  # [bytes] a particle of the shard under way is given, while it is drawn and moved: about 130 were seen
+ASIDE = 80  # [bytes] more on a graphics card where there is a coast: two lists of what is near it (kernels.step.advance)
 WEIGHED = 6_000  # [bytes] a world of a spill while finds weigh it
 TOLD = 150  # [bytes] more for each output: 8,600 in all were seen at 21
 LEAST = 2**16  # particles in a shard, if memory is scarce
@@ -120,14 +121,14 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
         room = min(workers.free, workers.limit) / 2 if workers else machine_memory.free() / 2
     size = max(int((room - BASE) / held(case)), LEAST)
     if card is not None:
-        size = min(size, max(int((card / 2 - devices.LEAST) / held(case)), LEAST))
+        size = min(size, max(int((card / 2 - devices.LEAST) / _held_on_card(case)), LEAST))
     size = min(size, LOSS if card is None else LOSS_CARD)
     return min(max(math.ceil(case.particles / size), PER_WORKER * (workers.count if workers else 0), 1), most)
 
 
 def _refuse_beyond(card: int | None, case: Case, particles: int, what: str, remedy: str) -> None:
     """Raise UserError where particles in one piece do not fit into what a graphics card has left [bytes]."""
-    need = devices.LEAST + particles * held(case)
+    need = devices.LEAST + particles * _held_on_card(case)
     if card is not None and need > card:
         raise UserError(
             f"{what}: {particles:,} particles at once take {_up(need / GIB)} GiB of the graphics card, of which "
@@ -143,6 +144,11 @@ def _up(size: float) -> str:
 def held(case: Case) -> int:
     """Return how many bytes a particle of the shard under way is given."""
     return HELD + run_setup.more_bytes(case)
+
+
+def _held_on_card(case: Case) -> int:
+    """Return how many bytes of a graphics card a particle of the shard under way is given."""
+    return held(case) + ASIDE * (case.coast.source != "none")
 
 
 Begun = tuple[

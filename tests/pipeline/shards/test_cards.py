@@ -50,6 +50,13 @@ def case_of(folder: Path, particles: int) -> drift.Case:
     return case_file.load(folder / "case.toml")
 
 
+def test_a_coast_takes_its_part_of_the_card(tmp_path: Path, on_card: Callable[[int], None]) -> None:
+    """By hand: 2^30 bytes are 3,834,792 particles of 280 bytes; 10^8 make 26.1 shards of those."""
+    case = case_of(tmp_path, 10**8)
+    on_card(4 * GIB)
+    assert divide.number(replace(case, coast=replace(case.coast, source="gshhg")), None, None) == 27
+
+
 def test_a_shard_fits_into_half_of_the_card(tmp_path: Path, on_card: Callable[[int], None]) -> None:
     """By hand: 4 GiB left are 2 for a shard, of which 1 is not for particles; 2^30 / 200 bytes are 5,368,709 particles."""
     case = case_of(tmp_path, 10**8)
