@@ -17,7 +17,11 @@ EIGHTH = 0.41421356237309503  # tan(pi/8)
 
 @ti.func
 def series(
-    kind: ti.template(), x: ti.template(), quarters: ti.template(), sine_terms: ti.template(), cosine_terms: ti.template()
+    kind: ti.template(),
+    x: ti.template(),
+    quarters: ti.template(),
+    sine_terms: ti.template(),
+    cosine_terms: ti.template(),
 ):
     """Return sine and cosine of an angle of so many quarter turns and x [rad], by the Taylor series about 0.
 

@@ -35,7 +35,9 @@ from kernels.step.coast import DeviceCoast
 GIB = 2**30
 BASE = 700 * 2**20  # [bytes] that a run takes however few its particles are: the program, the forcing, the coast, maps
 HELD = 200  # [bytes] a particle of the shard under way is given, while it is drawn and moved: about 130 were seen
-ASIDE = 80  # [bytes] more on a graphics card where there is a coast: two lists of what is near it (kernels.step.advance)
+ASIDE = (
+    80  # [bytes] more on a graphics card where there is a coast: two lists of what is near it (kernels.step.advance)
+)
 WEIGHED = 6_000  # [bytes] a world of a spill while finds weigh it
 TOLD = 150  # [bytes] more for each output: 8,600 in all were seen at 21
 LEAST = 2**16  # particles in a shard, if memory is scarce
