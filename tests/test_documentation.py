@@ -74,7 +74,7 @@ CHECKED: dict[str, type[BaseModel]] = {
 EVERY = {writer.SUMMARY, manifest.NAME, flow.REPORT}  # what every run writes
 WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapters that it describes
     "docs/files.md": {
-        *EVERY, *forecast_chapter.FILES, *forecast_chapter.PICTURES, *forecast_chapter.STORIES, *suspend_chapter.FILES, *suspend_chapter.PICTURES,
+        *EVERY, *forecast_chapter.FILES, *forecast_chapter.PICTURES, *forecast_chapter.SCENARIO_PICTURES, *suspend_chapter.FILES, *suspend_chapter.PICTURES,
         *search_chapter.FILES, *search_chapter.PICTURES, *search_chapter.MAPS,
         *search_chapter.LINE_FILES, *search_chapter.LINE_PICTURES,
         *posterior_chapter.FILES, *posterior_chapter.PICTURES, *posterior_chapter.RANKED, *posterior_chapter.MANY, *by_member.FILES,

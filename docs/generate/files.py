@@ -29,7 +29,7 @@ from drift.spills.worlds.products import chapter as spill
 TOLD = Path(__file__).with_name("files.toml")
 CHAPTERS: dict[str, tuple[str, Iterable[str]]] = {  # when they are written, and which
     "Every result": ("", (flow.REPORT, writer.SUMMARY, manifest.NAME)),
-    "Every forecast": ("`drift run`, and the forecast in a plan.", (*forecast.FILES, *forecast.PICTURES, *forecast.STORIES)),
+    "Every forecast": ("`drift run`, and the forecast in a plan.", (*forecast.FILES, *forecast.PICTURES, *forecast.SCENARIO_PICTURES)),
     "Ensembles": ("Where a wind or a current has members.", (*by_member.FILES,)),
     "Searches": (
         "Where a case has sorties, contacts, sensors, lines or survival times.",

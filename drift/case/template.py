@@ -1,11 +1,11 @@
-"""Commented cases to begin with, one a story: what `drift new` writes."""
+"""Commented cases to begin with, one a kind of incident: what `drift new` writes."""
 
 from importlib import resources
 from pathlib import Path
 
 from geo.errors import UserError
 
-STORIES = {
+TEMPLATES = {
     "position": "adrift from a reported position",
     "passage": "overdue on passage: under way, then adrift, or late",
     "spill": "many objects released by one event, and where they come ashore",
@@ -14,17 +14,17 @@ STORIES = {
 TRACKED = {"contact": "a contact that was lost: its track by the detections there are"}  # of drift track
 
 
-def template_text(story: str) -> str:
-    """Return the template of a story; raise UserError for one that there is none of."""
-    if story not in STORIES | TRACKED:
-        listed = ", ".join(f"{name} ({words})" for name, words in (STORIES | TRACKED).items())
-        raise UserError(f'no template "{story}"; there are: {listed}')
-    return resources.files("cases").joinpath("templates", f"{story}.toml").read_text(encoding="utf-8")
+def template_text(name: str) -> str:
+    """Return the text of a template; raise UserError for a name that is none of theirs."""
+    if name not in TEMPLATES | TRACKED:
+        listed = ", ".join(f"{own} ({words})" for own, words in (TEMPLATES | TRACKED).items())
+        raise UserError(f'no template "{name}"; there are: {listed}')
+    return resources.files("cases").joinpath("templates", f"{name}.toml").read_text(encoding="utf-8")
 
 
-def write(story: str, path: Path) -> None:
-    """Write the template of a story to a new file; raise UserError where that cannot be, or is there already."""
-    words = template_text(story)
+def write(name: str, path: Path) -> None:
+    """Write a template to a new file; raise UserError where that cannot be, or is there already."""
+    words = template_text(name)
     if path.suffix != ".toml":
         raise UserError(f"{str(path)[:300]!a}: a case file ends in .toml")
     try:

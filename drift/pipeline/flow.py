@@ -274,7 +274,7 @@ def _settled(
 def simulate_run(job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None) -> Moved:
     """Return a job's run, moved from its start; its particles can be read as long as the stack is open.
 
-    noted: is told of each sortie, contact and sensor, as drift.evidence.filter.filter does.
+    noted: is called for each sortie, contact and sensor, as drift.evidence.filter.filter does.
     """
     case, where = job.case, job.where
     with job.clock.phase("start"):
@@ -284,7 +284,7 @@ def simulate_run(job: Job, begin: Start, stack: contextlib.ExitStack, noted: Not
     if case.spill:
 
         def renewed(proposal: Proposal, number: int) -> Drifted:
-            """Draw a spill's worlds anew, and move their objects through the run."""
+            """Draw new worlds of a spill, and move their objects through the run."""
             return _drifted(job, run_setup.renew(case, where, begin, proposal, number), stack)[0]
 
         done, after = _settled(job, stretches, done, renewed)
@@ -517,7 +517,7 @@ trace = origin  # its former name
 def _trajectories(case: Case, snapshots: SnapshotStore) -> Trajectories:
     """Return the tracks of slots spread evenly over the particles.
 
-    The track of what was drawn anew is that of its ancestors before.
+    A resampled particle has the track of its ancestors before that.
     """
     living: Array | None = None
     if case.resampling.below > 0:  # slots that are held to spare have no weight

@@ -108,7 +108,7 @@ PLAIN = """
 import sys
 from drift.apps.cli import commands
 from drift.forecast.products import chapter
-chapter.PICTURES, chapter.STORIES = {}, {}
+chapter.PICTURES, chapter.SCENARIO_PICTURES = {}, {}
 sys.exit(commands.main(sys.argv[1:]))
 """
 
@@ -121,7 +121,7 @@ def test_more_threads_than_cores_are_capped_with_a_word(
     made = subprocess.run([sys.executable, "-c", PLAIN, *words], capture_output=True, text=True, check=True)
     assert made.stderr == f"drift: --threads 1000000000: runs on {runtime.cores()}, all the cores it may use here\n"
     monkeypatch.setattr(chapter, "PICTURES", {})
-    monkeypatch.setattr(chapter, "STORIES", {})
+    monkeypatch.setattr(chapter, "SCENARIO_PICTURES", {})
     result = drift.run(drift.load(path), out=tmp_path / "few")
     assert result.summary["run"]["particles"] == 1000
     tables = [(tmp_path / folder / "track.csv").read_text().splitlines() for folder in ("out", "few")]

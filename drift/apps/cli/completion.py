@@ -23,7 +23,7 @@ def script(whole: argparse.ArgumentParser, shell: str) -> str:
     known = {
         "CASE": cases,
         "B": cases,
-        "TEMPLATE": _words("stories", [*template.STORIES, *template.TRACKED]),
+        "TEMPLATE": _words("stories", [*template.TEMPLATES, *template.TRACKED]),
         **dict.fromkeys(("FILE", "TRACKS", "PNG"), shtab.FILE),
         "DIR": shtab.DIRECTORY,
     }

@@ -37,7 +37,7 @@ def new(given: argparse.Namespace) -> Answer:
     path = given.file or Path(f"{given.story}.toml")
     template.write(given.story, path)
     return Answer(
-        lines=(f"{path}: {(template.STORIES | template.TRACKED)[given.story]}. Next: drift check {path}",),
+        lines=(f"{path}: {(template.TEMPLATES | template.TRACKED)[given.story]}. Next: drift check {path}",),
         numbers={"file": path},
     )
 

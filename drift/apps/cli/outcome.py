@@ -191,7 +191,7 @@ def plan(planned: Plan) -> Facts:
     facts |= {f"boats {k}": words for k, words in enumerate(planned.said, 1)}
     facts |= {f"warning {k}": words for k, words in enumerate(plan_text.warnings(planned, synthetic=False), 1)}
     if len(planned.scenarios) > 1:
-        facts |= {f'POS if "{scenario}"': notation.percent(pos) for scenario, pos in subareas.stories(planned)}
+        facts |= {f'POS if "{scenario}"': notation.percent(pos) for scenario, pos in subareas.scenario_pos(planned)}
     return facts
 
 
@@ -203,7 +203,7 @@ def plan_numbers(planned: Plan) -> dict[str, Any]:
         "pos": planned.pos,
         "pos_ashore": planned.pos_ashore,
         "ashore": planned.ashore,
-        "pos_by_scenario": dict(subareas.stories(planned)),
+        "pos_by_scenario": dict(subareas.scenario_pos(planned)),
         "bound": planned.bound,
         "idle": planned.idle,
         "taskings": [

@@ -81,7 +81,7 @@ class Desk:
         name = request.path_params["name"]
         if name not in _shipped():
             return _refusal(404, "no such case")
-        text = template.template_text(name) if name in template.STORIES else _asset("cases", f"{name}.toml")
+        text = template.template_text(name) if name in template.TEMPLATES else _asset("cases", f"{name}.toml")
         try:
             for beside in set(
                 re.findall(r'"((?:networks|losses)/[\w.-]+)"', text)
@@ -189,7 +189,9 @@ def _refusal(status: int, line: str) -> Response:
 @lru_cache
 def _shipped() -> dict[str, str]:
     """Return the titles of what a case may begin with, by name: commented stories, then cases."""
-    return {name: f"a commented case: {words}" for name, words in template.STORIES.items()} | dict(case_file.shipped())
+    return {name: f"a commented case: {words}" for name, words in template.TEMPLATES.items()} | dict(
+        case_file.shipped()
+    )
 
 
 @lru_cache

@@ -74,7 +74,7 @@ def open_coast(
 def lands(coast: shoreline.Coast | None, asked: Coast) -> Callable[[Box], Array]:
     """Return what returns the land polygons [deg] of a run in a box.
 
-    They are those of its coast, or read anew if the box reaches beyond it: once for boxes that are nearly the same.
+    They are those of its coast, or read again if the box reaches beyond it: once for boxes that are nearly the same.
     """
 
     @functools.cache

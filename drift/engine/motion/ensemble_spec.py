@@ -31,7 +31,7 @@ class EnsembleSpec:
     errors: Errors
     particles: int
     seed: int
-    # How particles are drawn anew (drift.engine.particles.resample.METHODS), which may need slots to spare; None: never.
+    # How particles are resampled (drift.engine.particles.resample.METHODS), which may need slots to spare; None: never.
     resampling: str | None = None
     debris: tuple[Drifter, ...] = ()  # what drifts beside the objects, and is reported by contacts
     release: Release | None = None  # only of a spill

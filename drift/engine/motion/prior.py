@@ -1,7 +1,7 @@
 """Scenarios -> the initial ensemble: where, when and what, drawn in water.
 
 Each scenario has a range of slots, about in proportion to its weight but never fewer than a tenth of an equal share, so
-that an unlikely story is still told by enough particles; log weights make up for it.
+that an unlikely scenario still has enough particles; log weights make up for it.
 """
 
 from collections.abc import Callable

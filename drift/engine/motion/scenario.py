@@ -132,7 +132,7 @@ ReleasePrior: TypeAlias = PositionPrior | AreaPrior | TracklinePrior
 
 @dataclass(frozen=True)
 class Scenario:
-    """One story. Weights of a case add up to 1."""
+    """One scenario. Weights of a case add up to 1."""
 
     name: str
     weight: float

@@ -62,7 +62,7 @@ class Filter(Protocol):
         """Look on until the end of the step that has just been made."""
 
     def after(self, until: int) -> None:
-        """Draw particles anew at the end of a step, if need be."""
+        """Resample particles at the end of a step, if need be."""
 
     def log_weight(self, time: int) -> Array:
         """Return the weights as they stand at a time."""

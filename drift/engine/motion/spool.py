@@ -47,7 +47,7 @@ def _refusal(reason: str, folder: Path | None = None) -> UserError:
 
 
 class NoRoom(Exception):
-    """The file of a reel cannot be written; says why. What fails while particles move is told as it is."""
+    """The file of a shard cannot be written, and why. Errors of the motion itself are raised unchanged."""
 
 
 class Noted(NamedTuple):
@@ -109,7 +109,7 @@ class ShardFile:
         self.notes[name] = Noted(self._append(np.ascontiguousarray(values)), values.dtype.str, values.size)
 
     def noted(self, name: str, first: int = 0, last: int | None = None) -> Array:
-        """Return values that have been taken down, or some of them."""
+        """Return values that were stored under a name, or some of them."""
         noted = self.notes[name]
         kind, last = np.dtype(noted.kind), noted.size if last is None else last
         return np.frombuffer(self._bytes(noted.begin + first * kind.itemsize, (last - first) * kind.itemsize), kind)
@@ -295,7 +295,7 @@ class SnapshotStore(Sequence[Snapshot]):
         self._scale.clear()
 
     def noted(self, name: str) -> list[tuple[Layout, Array]]:
-        """Return what has been taken down of each shard under a name, with the shard's slots."""
+        """Return what each shard stored under a name, with the shard's slots."""
         return [(reel.layout, reel.noted(name)) for reel in self._stretches[-1]]
 
     def time(self, index: int) -> np.datetime64:
@@ -345,7 +345,7 @@ class SnapshotStore(Sequence[Snapshot]):
         scenario = np.repeat(own.scenario.astype(np.int32), np.diff(own.first, append=own.n))
         family = reel.read("family", at, *slots) if "family" in taken.where else None
         world = reel.read("world", None, *slots) if self._worlds else None
-        # What a particle drifts in is known of its end: before it was drawn anew a slot may have had another.
+        # What a particle drifts in is known of its end: before it was resampled a slot may have had another.
         member = reel.read("member", None, *slots) if "member" in reel.end and number == len(self) - 1 else None
         return Snapshot(
             taken.time, lon, lat, probability, status.astype(np.int32), scenario, family, world, member, own
@@ -370,7 +370,7 @@ class SnapshotStore(Sequence[Snapshot]):
     def follow(self, slots: Array) -> dict[str, Array]:
         """Return what particles were like at all times, as columns lon, lat, status, scenario and probability, (m, times).
 
-        slots: their numbers at the last time, (m,). What was drawn anew is what its ancestors were before.
+        slots: their numbers at the last time, (m,). A resampled particle has its ancestors' past.
         """
         found: dict[str, list[Array]] = {name: [] for name in ("lon", "lat", "status", "scenario", "probability")}
         for number in range(len(self) - 1, -1, -1):

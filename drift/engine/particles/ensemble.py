@@ -106,7 +106,7 @@ class Layout:
 class Ensemble:
     """All particles: CORE as fields of shape (n,), then the columns of the models by which they move, by name.
 
-    What columns hold changes in place, and the layout where particles are drawn anew; nothing else of it changes.
+    What columns hold changes in place, and the layout where particles are resampled; nothing else of it changes.
     """
 
     seed: int

@@ -1,6 +1,6 @@
-"""Drawing particles anew in proportion to their weights: who has how many offspring.
+"""Resampling: how many offspring each particle has, in proportion to its weight.
 
-Within a scenario, so that no story dies by chance; or across scenarios, where those that have become likely take slots
+Within a scenario, so that no scenario dies by chance; or across scenarios, where those that have become likely take slots
 of the others, of which each keeps a few. Systematic: N offspring, the smallest spread (Kitagawa 1996; Douc,
 Cappe and Moulines 2005, arXiv:cs/0507025). Kahn's Russian roulette and splitting (Kahn 1955, RAND P-766): each particle
 on its own, so that their number floats; held at N it would be biased. Either way a particle's expected offspring are N

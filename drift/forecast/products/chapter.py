@@ -45,9 +45,9 @@ def _snapshots(matter: ForecastOutputs, path: Path) -> None:
 
 
 def _stories(matter: ForecastOutputs, path: Path) -> None:
-    from drift.forecast.products import stories_map
+    from drift.forecast.products import scenario_maps
 
-    stories_map.plot_scenarios(matter.forecast, path, matter.setting, overlays=matter.small)
+    scenario_maps.plot_scenarios(matter.forecast, path, matter.setting, overlays=matter.small)
 
 
 def _leaves(matter: ForecastOutputs) -> list[Any]:
@@ -67,7 +67,7 @@ PICTURES: dict[str, Callable[[ForecastOutputs, Path], None]] = {
     "map.png": _map,
     "snapshots.png": _snapshots,
 }
-STORIES: dict[str, Callable[[ForecastOutputs, Path], None]] = {  # of several scenarios
+SCENARIO_PICTURES: dict[str, Callable[[ForecastOutputs, Path], None]] = {  # of several scenarios
     "stories.png": _stories,
 }
 
@@ -78,6 +78,6 @@ def chapter(matter: ForecastOutputs) -> Chapter:
     return Chapter(
         tables.summary_of_forecast(matter.forecast, matter.setting.opens),
         bound(FILES, matter),
-        bound(PICTURES | STORIES if several else PICTURES, matter),
+        bound(PICTURES | SCENARIO_PICTURES if several else PICTURES, matter),
         leaves=(partial(_leaves, matter),),
     )

@@ -121,7 +121,7 @@ class _Rounds:
 def scheme(job: Job, noted: Noted | None = None) -> tuple[Plan, Case, Result]:
     """Return a plan, the case in which it has been executed and found nothing, and the forecast of that.
 
-    noted: is told of each sortie of that forecast, as drift.evidence.filter.filter does.
+    noted: is called for each sortie of that forecast, as drift.evidence.filter.filter does.
     """
     rounds = _rounds(job)
     result = flow.forecasted(replace(job, case=rounds.executed), noted)

@@ -16,8 +16,11 @@ SMALL = {"spill": ["--set", "spill.worlds=100", "--set", "duration=1 d"]}
 @pytest.mark.parametrize(
     ("story", "runs"),
     [
-        *((story, False) for story in template.STORIES if story != "search"),
-        *(pytest.param(story, True, marks=[pytest.mark.thorough] * (story != "search")) for story in template.STORIES),
+        *((story, False) for story in template.TEMPLATES if story != "search"),
+        *(
+            pytest.param(story, True, marks=[pytest.mark.thorough] * (story != "search"))
+            for story in template.TEMPLATES
+        ),
     ],
 )
 def test_a_template_is_accepted_as_it_is_and_runs(
@@ -63,7 +66,7 @@ def test_a_template_of_a_contact_is_tracked_and_its_path_too(
     assert Path("two/path.gpx").exists()
 
 
-@pytest.mark.parametrize("story", template.STORIES)
+@pytest.mark.parametrize("story", template.TEMPLATES)
 def test_tables_that_are_commented_out_are_accepted_too(story: str, tmp_path: Path) -> None:
     """Those of whole tables, from a "# [[" on: what a planner uncomments must not be the first mistake."""
     words, inside = [], False

@@ -30,7 +30,7 @@ def plain() -> Any:
     """Draw no pictures, which take seconds."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(forecast_chapter, "PICTURES", {})
-        patch.setattr(forecast_chapter, "STORIES", {})
+        patch.setattr(forecast_chapter, "SCENARIO_PICTURES", {})
         yield
 
 
@@ -130,7 +130,7 @@ def test_killed_while_the_results_are_exchanged(case: drift.Case, out: Path, fol
 import os
 import drift
 from drift.forecast.products import chapter
-chapter.PICTURES, chapter.STORIES = {{}}, {{}}
+chapter.PICTURES, chapter.SCENARIO_PICTURES = {{}}, {{}}
 rename = os.rename
 def last(source, goal):
     if str(goal) == {str(out / "manifest.json")!r}:

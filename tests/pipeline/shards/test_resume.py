@@ -69,7 +69,7 @@ from drift.pipeline.shards import work
 case, out, where = sys.argv[1:]
 def die():
     os.kill(os.getpid(), signal.SIGKILL)
-keep, replace = spool.Reel._keep, work.replace
+keep, replace = spool.ShardFile._keep, work.replace
 def kept(self, name, values):
     at = keep(self, name, values)
     if where == "data" and "00002" in str(self.file.name) and len(self.taken) == 1:
@@ -81,7 +81,7 @@ def replaced(path, text):
         path.with_suffix(".new").write_text(text[: len(text) // 2])
         die()
     replace(path, text)
-spool.Reel._keep, work.replace = kept, replaced
+spool.ShardFile._keep, work.replace = kept, replaced
 drift.run(drift.load(case), out, shards=4)
 """
 

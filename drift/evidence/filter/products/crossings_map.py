@@ -19,7 +19,7 @@ from drift.products.maps.sheet import Badge, Row, Sheet
 from geo import notation
 
 MOST = 6  # lines; of more the likeliest are drawn
-STORIES = 7  # scenarios with a curve of their own, the likeliest to cross
+CURVES = 7  # scenarios with a curve of their own, the likeliest to cross
 ACROSS = 3  # panels in a row
 WIDTH, HIGH, GAP, MARGIN = 14.0, 2.6, 0.85, 0.75  # [in] of the page; of a panel, and what is between them
 
@@ -68,7 +68,7 @@ def _stories(crossings: Crossings) -> list[int]:
     if len(crossings.scenarios) < 2:
         return []
     most = np.max([crossing.probability[:-1] for crossing in crossings.all], axis=0)
-    return sorted(np.argsort(-most, kind="stable")[:STORIES].tolist())
+    return sorted(np.argsort(-most, kind="stable")[:CURVES].tolist())
 
 
 def _stroke(j: int) -> Line2D:

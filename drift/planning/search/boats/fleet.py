@@ -77,7 +77,7 @@ def _places(unit: Unit, spec: PlanSpec, tracks: Tracks) -> Array:
 
 
 def shown(case: Case, where: Environment, box: Box) -> Array:
-    """Return the land of a case in a box: that of the run, or read anew if the box reaches beyond it."""
+    """Return the land of a case in a box: that of the run, or read again if the box reaches beyond it."""
     return coastline.lands(where.coast, case.coast)(box)
 
 

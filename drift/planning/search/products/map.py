@@ -335,7 +335,7 @@ def _panel(figure: Figure, plan: Plan) -> None:
     if not plan.taskings:
         say("No unit can search in this period.", 1.5, "bold")
     say("POS, had it been", 1.05, "bold")
-    for scenario, pos in subareas.stories(plan):
+    for scenario, pos in subareas.scenario_pos(plan):
         say(f"{notation.probability(pos)}  {page.fit(scenario, 40)}")
     if plan.alternatives:
         say("", 0.3)

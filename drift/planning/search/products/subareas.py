@@ -300,7 +300,7 @@ def _place(lon: float, lat: float) -> dict[str, float]:
     return {"lon": sphere.wrap_degrees(lon), "lat": lat}
 
 
-def stories(plan: Plan) -> list[tuple[str, float]]:
+def scenario_pos(plan: Plan) -> list[tuple[str, float]]:
     """Return the POS had each scenario been; of many the likeliest before the plan, and the others together."""
     names, (pos,) = told(plan, np.asarray(plan.by_scenario, float))
     return list(zip(names, pos, strict=True))

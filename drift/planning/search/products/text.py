@@ -156,7 +156,7 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
         )
         rows.append(("", loose))
     rows.append(("Optimism", f"{plan.seen - plan.value:+.3f} on the particles that the plan was made on"))
-    for k, (name, pos) in enumerate(subareas.stories(plan)):
+    for k, (name, pos) in enumerate(subareas.scenario_pos(plan)):
         rows.append(("POS, had it been" if k == 0 else "", f"{notation.probability(pos):5} {name}"))
     return [line for row in rows for line in _row(*row)]
 

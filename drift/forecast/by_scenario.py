@@ -1,4 +1,4 @@
-"""A forecast by story: the map of each as if it were the true one, with its areas, and how likely it is.
+"""A forecast by scenario: the map of each as if it were the true one, with its areas, and how likely it is.
 
 Works on the maps that a forecast keeps: those of all scenarios, or of the likeliest ones and of the others together
 (drift.forecast.likeliest). Of a spill the scenarios are classes of objects.
@@ -18,8 +18,8 @@ from geo.cells import Cells
 
 
 @dataclass(frozen=True)
-class Story:
-    """One story at a time: its probability at the first output and now, and the forecast, of that time, if it is true."""
+class OneScenario:
+    """One scenario at a time: its probability at the first output and now, and the forecast, of that time, if it is true."""
 
     name: str
     before: float
@@ -27,10 +27,10 @@ class Story:
     forecast: Forecast
 
 
-def each(forecast: Forecast, time: int) -> list[Story]:
-    """Return the stories that have maps at an output, the likeliest first; the others together are the last.
+def each(forecast: Forecast, time: int) -> list[OneScenario]:
+    """Return the scenarios that have maps at an output, the likeliest first; the others together are the last.
 
-    A story that is ruled out, or of which nothing is on the map, has an empty map.
+    A scenario that is ruled out, or of which nothing is on the map, has an empty map.
     """
     data = forecast.data
     shown = dataset.shown(data)
@@ -40,7 +40,9 @@ def each(forecast: Forecast, time: int) -> list[Story]:
     count = _effective(data["scenario_effective"].values[time], weight[time], shown.place, shown.size)
     alone = sorted(range(len(shown.alone)), key=lambda k: -now[k])
     return [
-        Story(names[k], float(before[k]), float(now[k]), _alone(forecast, time, k, float(now[k]), float(count[k])))
+        OneScenario(
+            names[k], float(before[k]), float(now[k]), _alone(forecast, time, k, float(now[k]), float(count[k]))
+        )
         for k in (*alone, *range(len(shown.alone), shown.size))
     ]
 
@@ -53,9 +55,9 @@ def _effective(number: Array, weight: Array, place: Array, many: int) -> Array:
 
 
 def _alone(forecast: Forecast, time: int, k: int, weight: float, count: float) -> Forecast:
-    """Return the forecast of an output if story number k of the maps, of some probability, is true.
+    """Return the forecast of an output if scenario number k of the maps, of some probability, is true.
 
-    What is ashore in a cell is shared by the stories as the whole cell is. Its areas are the smallest that hold their
+    What is ashore in a cell is shared by the scenarios as the whole cell is. Its areas are the smallest that hold their
     shares of its smoothed map: no particles were held out to calibrate them.
     """
     data = forecast.data.isel(time=[time])

@@ -10,8 +10,8 @@ from pyproj import Geod
 
 from drift.engine.particles.status import Status
 from drift.forecast import build as forecast_build
-from drift.forecast import effective, stories
-from drift.forecast.products import chapter, stories_map
+from drift.forecast import by_scenario, effective
+from drift.forecast.products import chapter, scenario_maps
 from drift.products.maps.imprint import Imprint, Setting
 from drift.products.maps.marks import Line, Mark
 from geo import sphere
@@ -47,7 +47,7 @@ def made(weights, east=20_000.0, lon=-60.0, learnt=True):
 
 def test_each_story_has_the_map_of_its_own_particles():
     forecast, (_, last) = made([1.0, 3.0, 0.0])
-    found = stories.each(forecast, -1)
+    found = by_scenario.each(forecast, -1)
     assert [story.name for story in found] == ["story 1", "story 0", "story 2"]
     everywhere = sum(story.now * story.forecast.data["probability"].values[0] for story in found)
     np.testing.assert_allclose(everywhere, forecast.data["probability"].values[-1], rtol=1e-5, atol=1e-12)
@@ -70,7 +70,7 @@ def test_areas_of_a_story_hold_their_shares_of_its_map_and_are_as_large_as_their
     """The smallest set of cells that holds a share holds less than the share by at most one cell; outlines keep sizes to 0.5 %."""
     forecast, _ = made([1.0, 3.0], lon=179.9)
     earth = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
-    for story in stories.each(forecast, -1):
+    for story in by_scenario.each(forecast, -1):
         data = story.forecast.data.isel(time=0)
         mass = data["probability"].values / data["probability"].values.sum()
         for contour in story.forecast.contours:
@@ -83,7 +83,7 @@ def test_areas_of_a_story_hold_their_shares_of_its_map_and_are_as_large_as_their
 def test_of_many_stories_the_others_stand_together_and_count_as_their_particles_do():
     weights = np.arange(1.0, 15.0)
     forecast, (_, last) = made(weights, east=3000.0, learnt=False)
-    found = stories.each(forecast, -1)
+    found = by_scenario.each(forecast, -1)
     assert [story.name for story in found[:-1]] == [f"story {k}" for k in range(13, 3, -1)]
     assert found[-1].name == "4 others"
     rest = (last.scenario < 4) & (last.status != Status.SUNK)
@@ -101,7 +101,7 @@ def test_the_picture_is_drawn(tmp_path, weights, east, lon):
     marks = [Mark(lon, 12.0, "LKP, story 0"), Mark(lon + 0.2, 12.0, "LKP, story 1")]
     lines = [Line([lon, lon + 0.1], [11.9, 12.1], "story 2")]
     on = Setting(Imprint("Stories", caution="SYNTHETIC"), marks=marks, lines=lines, particles=N)
-    stories_map.plot_scenarios(forecast, tmp_path / "stories.png", on)
+    scenario_maps.plot_scenarios(forecast, tmp_path / "stories.png", on)
     with Image.open(tmp_path / "stories.png") as picture:
         assert picture.info["Title"] == "Stories"
         assert picture.width == pytest.approx(130 * (min(len(weights) + 1, 4) * 3.14 - 0.14 + 1.45), abs=2)
@@ -113,5 +113,5 @@ def test_stories_of_one_are_not_drawn_apart():
     assert set(chapter.chapter(matter).pictures) == {*chapter.PICTURES}
     assert {*chapter.chapter(replace(matter, forecast=made([1.0, 1.0])[0])).pictures} == {
         *chapter.PICTURES,
-        *chapter.STORIES,
+        *chapter.SCENARIO_PICTURES,
     }

@@ -1,4 +1,4 @@
-"""The picture of the stories: the map of all together, and of each as if it were the true one, with how likely it is.
+"""The picture of the scenarios: the map of all together, and of each as if it were the true one, with how likely it is.
 
 All maps have one time, one extent and one colour scale.
 """
@@ -12,10 +12,10 @@ from matplotlib.lines import Line2D
 
 from drift.forecast import effective
 from drift.forecast.build import Forecast
+from drift.forecast.by_scenario import OneScenario, each
 from drift.forecast.products import layers
 from drift.forecast.products import map as forecast_map
 from drift.forecast.products import words as forecast_words
-from drift.forecast.stories import Story, each
 from drift.products.maps import chart, labels, page, sheet
 from drift.products.maps.chart import INK
 from drift.products.maps.imprint import Setting
@@ -30,12 +30,12 @@ LIKELY = 0.01  # probability of a story from which on the maps' extent follows i
 
 
 def plot_scenarios(forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence[AtTime] = ()) -> None:
-    """Draw the stories at the last output; overlays: as of drift.forecast.products.map.draw_snapshots."""
+    """Draw the scenarios at the last output; overlays: as of drift.forecast.products.map.draw_snapshots."""
     found, imprint = each(forecast, -1), setting.imprint
     now = forecast.data["time"].values[-1]
     last = replace(forecast, data=forecast.data.isel(time=[-1]))
     all_of = "All classes" if "effective_worlds" in last.data else "All scenarios"
-    panels = [Story(all_of, 1.0, 1.0, last), *found]
+    panels = [OneScenario(all_of, 1.0, 1.0, last), *found]
     names = page.names([story.name for story in panels], LETTERS)
     few = [story.name for story in panels if _count(story, setting).few]
     sure = [story for story in panels if story.name not in few] or panels
@@ -80,23 +80,23 @@ def plot_scenarios(forecast: Forecast, path: Path, setting: Setting, *, overlays
     sheet.end(on, path, imprint)
 
 
-def _count(story: Story, setting: Setting) -> effective.Count:
+def _count(story: OneScenario, setting: Setting) -> effective.Count:
     return effective.effective_at(story.forecast.data, 0, setting.particles)
 
 
-def _bounds(story: Story) -> tuple[tuple[float, float], tuple[float, float]]:
+def _bounds(story: OneScenario) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the longitudes and latitudes [deg] between which a story's largest area lies."""
     west, south, east, north = layers.widest(story.forecast.contours).bounds
     return (west, east), (south, north)
 
 
-def _own(setting: Setting, story: Story) -> Setting:
+def _own(setting: Setting, story: OneScenario) -> Setting:
     """Return a setting with what is marked of a story alone: as drift.forecast.starts labels it; a release is of all."""
     marks = [mark for mark in setting.marks if mark.label.partition(", ")[2] in ("", story.name)]
     return replace(setting, marks=marks, lines=[line for line in setting.lines if line.label == story.name])
 
 
-def _titles(ax: Any, story: Story, name: str, whole: bool) -> None:
+def _titles(ax: Any, story: OneScenario, name: str, whole: bool) -> None:
     """Write over a map by a name whose it is, how likely that was and is, and how large its areas are."""
     at = story.forecast.data.isel(time=0)
     ax.set_title(name, fontsize=9, weight="bold", loc="left", pad=14, color=INK)
@@ -107,7 +107,7 @@ def _titles(ax: Any, story: Story, name: str, whole: bool) -> None:
         ax.text(0, 1.015, f"{notation.percent(story.before)} at first", **small)
 
 
-def _contents(forecast: Forecast, setting: Setting, found: Sequence[Story]) -> str:
+def _contents(forecast: Forecast, setting: Setting, found: Sequence[OneScenario]) -> str:
     """Return in a line what the page shows."""
     many = forecast.data.sizes["scenario"]
     held = forecast_words.held(forecast.ends)
@@ -124,7 +124,7 @@ def _contents(forecast: Forecast, setting: Setting, found: Sequence[Story]) -> s
     return "; ".join(parts)
 
 
-def _key(panels: Sequence[Story], setting: Setting) -> list[tuple[Any, str]]:
+def _key(panels: Sequence[OneScenario], setting: Setting) -> list[tuple[Any, str]]:
     """Return what lines and symbols are."""
     every = panels[0].forecast
     rows: list[tuple[Any, str]] = []
