@@ -142,7 +142,7 @@ def equation(sees, far, bearing, heading):
 
 
 def recursion(excess, spread, rate, part):
-    """Return G of parts in which the excess is constant; tests/kernels/test_jumps.py has the formula."""
+    """Return G of parts in which the excess is constant; tests/kernels/evidence/test_jumps.py has the formula."""
     from scipy.stats import norm
 
     p = np.minimum(norm.cdf(excess / spread), 1 - 1e-12)

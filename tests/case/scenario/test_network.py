@@ -296,7 +296,7 @@ def test_a_network_is_an_input_of_its_case() -> None:
 
 def test_the_example_of_the_documentation(tmp_path: Path) -> None:
     """Its blocks are what they say: a network, and two routes that differ."""
-    page = (Path(__file__).parents[2] / "docs" / "targets.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "targets.md").read_text(encoding="utf-8")
     found = read(tmp_path, page.split("## Lane networks")[1].split("```toml\n")[1].split("```")[0]).network
     assert lanes.shortest(found, "Strait", "Cape") == ("Strait", "Island north", "Cape")
     assert lanes.shortest(found, "Cape", "Strait") == ("Cape", "Island south", "Strait")
