@@ -90,10 +90,15 @@ def observe(meter: Meter) -> None:
     """Count the parts of a run, by the number of particles: a run begins with small trials."""
     meter.part(Forcing, "set", lambda *_: "interpolate the forcing at a step")
     meter.part(Tiles, "place", lambda *_, **__: "one slice of forcing")
-    meter.part(Scene, "advance", lambda _, e, *more, keep=False: f"{STEPS[keep]}, {e.n:,}")
+    meter.part(Scene, "advance", _advanced)
     meter.part(simulate, "_moment", lambda e, *_: f"an output, {e.n:,}")
     meter.part(SortieExposure, "expose", lambda _, e, *__, **___: f"a sortie over a step, {e.n:,}")
     meter.part(SearchFilter, "take_effect", lambda own, *_: f"the end of a sortie, {own.ensemble.n:,}")
+
+
+def _advanced(_: Scene, ensemble: Any, *_of_step: Any, keep: bool = False, count: int = 1) -> str:
+    """Return what is said of steps that are made in one go."""
+    return f"{STEPS[keep]}, {ensemble.n:,}" if count == 1 else f"{count} steps in one go, {ensemble.n:,}"
 
 
 def through_taichi() -> Counts:

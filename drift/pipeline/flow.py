@@ -375,7 +375,7 @@ def _drifted(
     outputs = case.period.seconds(case.outputs)
     with job.clock.phase("drift"), contextlib.closing(begin.scene.forcing):
         landings = Landings(begin.ensemble, begin.scene.place.beach.stay > 0) if case.spill else None
-        watch = landings.watch if landings else None
+        watch = landings.watch if landings and landings.refloats else None
         beliefs = run_setup.beliefs(case, begin)
         search = run_setup.search(case, begin, beliefs, noted)
         moments = simulate.run(

@@ -68,7 +68,9 @@ def _feel(
             among = 0
             if ti.static(members):
                 among = member[i]
-            r = sample(members, sea, sea.ranges[CURRENT_FROM], sea.ranges[CURRENT_TO], lon[i], lat[i], fraction, among)
+            r = sample(
+                members, sea, 0, sea.ranges[CURRENT_FROM], sea.ranges[CURRENT_TO], lon[i], lat[i], fraction, among
+            )
             u, v = r[0] + error[0] + error_rows[bias_at], r[1] + error[1] + error_rows[bias_at + n]
             per_metre = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
             secant = 1.0 / sphere.cos_lat(lat[i])

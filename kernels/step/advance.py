@@ -1,18 +1,18 @@
-"""One lattice step of all particles: drift in current, wind and waves, errors, diffusion, coast.
+"""Lattice steps of all particles: drift in current, wind and waves, errors, diffusion, coast.
 
 A step from position (lon, lat) integrates dlon/dt = u / (R cos lat), dlat/dt = v / R by an explicit Runge-Kutta scheme;
 adds a random walk; and ends at its first crossing of the shore, or goes on along it. Positions are integers; within the
 step everything is float32 on differences from the position at its begin. Writing of the increment is one rounding of at
 most 5 mm.
 
-One launch does it all, so that the columns are read once, and takes particles in bundles (kernels.runtime.bundle). The parts are
-functions that another model of motion shares: kernels.step.life says when in the step a particle moves and writes how the step
+One launch does it all, so that the columns are read once, and takes particles in bundles (kernels.runtime.bundle), each
+over all the steps that it makes: what a bundle needs stays in the cache. The parts are functions that another model of motion shares: kernels.step.life says when in the step a particle moves and writes how the step
 ends for it, errors what chance does to a bundle, integrate leads a particle along any field of velocity, shore says what
 the coast does to it; velocity.drift is this model's own.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple, Protocol
 
 import taichi as ti
 
@@ -43,7 +43,7 @@ from kernels.step.features import (  # fmt: skip
     WIND,
 )
 from kernels.step.life import ASHORE, SUNK
-from kernels.step.sample import Ranges, Sea, Tiles, members_of
+from kernels.step.sample import Ranges, Sea, Tiles, members_of, numbers_of
 from kernels.step.velocity import Drifter, drift
 
 FARTHEST = 5.0e8  # longest step accepted [binary angle units], 42 degrees; a longer one counts as invalid
@@ -221,7 +221,7 @@ def _carry(
 
 
 @ti.func
-def _drifter(features: ti.template(), held: ti.template(), j: ti.i32, asks: ti.f32) -> Drifter:
+def _drifter(features: ti.template(), held: ti.template(), j: ti.i32, row: ti.i32, asks: ti.f32) -> Drifter:
     """Return what of particle j of the bundle its drift depends on; asks: 0 where the drift does not count."""
     line = f32x4(0.0)
     if ti.static(features & WIND):
@@ -235,7 +235,7 @@ def _drifter(features: ti.template(), held: ti.template(), j: ti.i32, asks: ti.f
     if ti.static(features & MEMBERS):
         among = held.member[0, j]
     error = f32x4([held.error[k, j] for k in ti.static(range(4))])
-    return Drifter(line=line, error=error, member=among, asks=asks)
+    return Drifter(line=line, error=error, member=among, row=row, asks=asks)
 
 
 @ti.func
@@ -278,7 +278,7 @@ def _off(features: ti.template(), held: ti.template(), j: ti.i32) -> f32x2:
 @ti.func
 def _refloat(
     features: ti.template(), velocity: ti.template(), held: ti.template(), j: ti.i32, core: ti.template(),
-    sea: ti.template(), coast: ti.template(), terms: ti.template(), elapsed: ti.i32, duration: ti.i32,
+    sea: ti.template(), coast: ti.template(), terms: ti.template(), elapsed: ti.i32, duration: ti.i32, row: ti.i32,
 ):  # fmt: skip
     """Place particle j of the bundle off its beach, from when in the step the drift there leads off it.
 
@@ -298,7 +298,7 @@ def _refloat(
     for k in range(2):
         when = held.left[0, j] if k == 0 else held.finish[0, j]
         fraction = ti.cast(when - elapsed, ti.f32) / duration
-        r = velocity(features, sea, _drifter(features, held, j, 1.0), x, y, fraction)
+        r = velocity(features, sea, _drifter(features, held, j, row, 1.0), x, y, fraction)
         led[k] = r[0] * held.off[0, j] + r[1] * held.off[1, j]
     if led[0] <= 0.0 and led[1] > 0.0:
         waits = led[0] / (led[0] - led[1]) * ti.cast(held.finish[0, j] - held.left[0, j], ti.f32)
@@ -361,6 +361,127 @@ def _end(
     life.ending(core, terms, i, met, number, part, known, x_end, y_end, left, finish, elapsed + duration)
 
 
+def _late(features: int) -> bool:
+    """Return whether the shore has a part of the kernel of its own, for the few particles that are near it.
+
+    So it is on a card: its integers of 64 bits take twice the registers of all else, which each thread would be given.
+    """
+    return bool(features & COAST) and bundle.alone()
+
+
+@ti.func
+def _lead(
+    features: ti.template(), velocity: ti.template(), width: ti.template(), held: ti.template(), table: ti.template(),
+    core: ti.template(), own: ti.template(), sea: ti.template(), coast: ti.template(), terms: ti.template(),
+    aside: ti.template(), place: ti.i32, n: ti.i32, elapsed: ti.i32, duration: ti.i32, step: ti.i32, row: ti.i32,
+):  # fmt: skip
+    """Lead a bundle over one step.
+
+    place: of its first particle in the batch; n: length of a row in arrays of several columns; row: see `Drifter`.
+    """
+    if ti.static(features & REFLOAT):
+        for j in range(width):
+            if held.waits[0, j] == 1:
+                _refloat(features, velocity, held, j, core, sea, coast, terms, elapsed, duration, row)
+    for j in range(width):
+        held.dt[0, j] = ti.cast(held.finish[0, j] - held.left[0, j], ti.f32)
+        held.begin[0, j] = ti.cast(held.left[0, j] - elapsed, ti.f32) / duration
+        held.share[0, j] = held.dt[0, j] / duration
+        held.trig[0, j], held.trig[1, j] = sphere.cos_lat(held.place[1, j]), sphere.sin_lat(held.place[1, j])
+        held.valid[0, j], held.sets_off[0, j] = 1.0, 1.0
+    errors.draw_errors(features, width, held, table, terms, step)
+    if ti.static(bundle.alone() and features & DIFFUSION):
+        # The walk is asked for here, so that a card holds it during the stages, and not the dozen numbers of which
+        # it is made.
+        held.valid[0, 0] = ti.select(held.walk[0, 0] + held.walk[1, 0] < sphere.RADIUS, 1.0, 0.0)
+    for j in range(width):
+        if held.moving[0, j] == 1:
+            _keep(features, j, held, own, n)
+    scheme = ti.static(integrate.CLASSICAL if features & RK4 else integrate.MIDPOINT)
+    # The loop runs at run time: unrolled it takes three times as long to compile and runs no faster.
+    for stage in range(ti.static(len(scheme[0]))):
+        entry = integrate.tableau(scheme, stage)
+        for j in range(width):
+            way = _way(held, j)
+            own_drift = _drifter(features, held, j, row, way.valid)
+            if ti.static(features & POLAR):
+                way = integrate.lead_over_pole(
+                    velocity, ti.static(bool(features & REFLOAT)), features, sea, own_drift, way,
+                    held.place[0, j], held.place[1, j], terms.direction * held.dt[0, j],
+                    held.begin[0, j] + entry[0] * held.share[0, j], entry, _off(features, held, j),
+                )  # fmt: skip
+            else:
+                way = integrate.lead(
+                    velocity, ti.static(bool(features & REFLOAT)), features, sea, own_drift, way,
+                    held.place[0, j], held.place[1, j], held.trig[0, j], held.trig[1, j],
+                    terms.direction * held.dt[0, j], held.begin[0, j] + entry[0] * held.share[0, j], entry,
+                    _off(features, held, j),
+                )  # fmt: skip
+            for k in ti.static(range(2)):
+                held.first[k, j] = ti.select(stage == 0, way.last[k], held.first[k, j])
+                held.last[k, j], held.total[k, j] = way.last[k], way.total[k]
+            held.valid[0, j], held.sets_off[0, j] = way.valid, way.sets_off
+    for j in range(width):
+        way = integrate.led(_way(held, j))
+        for k in ti.static(range(2)):
+            held.total[k, j] = way[k]
+        if ti.static(features & POLAR):
+            if ti.static(features & DIFFUSION):
+                way += f32x2(held.walk[0, j], held.walk[1, j])
+            near = way.norm() < LONGEST
+            x, y = held.place[0, j], held.place[1, j]
+            x_end, y_end = sphere.exponential(x, y, ti.select(near, way[0], 0.0), ti.select(near, way[1], 0.0))
+            held.move[0, j], held.move[1, j] = x_end - x, y_end - y
+            held.known[0, j] = ti.cast(near & (held.valid[0, j] > 0.5), ti.i32)
+        else:
+            if ti.static(features & DIFFUSION):
+                way += errors.walked(f32x2(held.walk[0, j], held.walk[1, j]), held.trig[0, j], held.trig[1, j])
+            near = ti.max(ti.abs(way[0]), ti.abs(way[1])) < FARTHEST
+            for k in ti.static(range(2)):
+                held.move[k, j] = ti.cast(ti.round(ti.select(near, way[k], 0.0)), ti.i32)
+            held.known[0, j] = ti.cast(near & (held.valid[0, j] > 0.5), ti.i32)
+        if ti.static(features & COAST):
+            off = curve.bulge(_flat(features, _bend(features, held, j), held.trig[0, j]))
+            far = shore.is_far(
+                ti.static(bool(features & DIFFUSION)), held.place[0, j], held.place[1, j],
+                held.move[0, j], held.move[1, j], ti.cast(ti.max(off[0], off[1]), ti.i32) + 1,
+                held.trig[0, j], held.variance[0, j], coast,
+            )  # fmt: skip
+            if ti.static(features & POLAR):
+                far |= ti.min(ti.abs(held.place[1, j]), ti.abs(held.place[1, j] + held.move[1, j])) > POLEWARD
+            held.far[0, j] = ti.cast(far, ti.i32)
+    for j in range(width):
+        # Where the drift leads onto the beach, the particle waits for one that leads off it.
+        if held.moving[0, j] == 1 and held.sets_off[0, j] > 0.5:
+            i, x, y = held.i[0, j], held.place[0, j], held.place[1, j]
+            if ti.static(features & REFLOAT):
+                core.moving_since[i] = held.left[0, j]
+            if ti.static(features & DIVERGENCE):
+                x_half, y_half = (
+                    x + ti.cast(0.5 * held.total[0, j], ti.i32),
+                    y + ti.cast(0.5 * held.total[1, j], ti.i32),
+                )
+                if ti.static(features & POLAR):
+                    x_half, y_half = sphere.exponential(x, y, 0.5 * held.total[0, j], 0.5 * held.total[1, j])
+                core.log_weight[i] -= held.dt[0, j] * integrate.divergence(
+                    velocity, features, sea, _drifter(features, held, j, row, 1.0), x_half, y_half,
+                    held.begin[0, j] + 0.5 * held.share[0, j],
+                )  # fmt: skip
+            if ti.static(_late(features)):
+                if held.far[0, j] == 0:
+                    _put_aside(held, j, _bend(features, held, j), aside, place + j)
+                else:
+                    _end(
+                        ti.static(features & ~(COAST | SLIDE)), held, j, _bend(features, held, j),
+                        core, own, coast, terms, n, elapsed, duration, step,
+                    )  # fmt: skip
+            else:
+                _end(
+                    features, held, j, _bend(features, held, j),
+                    core, own, coast, terms, n, elapsed, duration, step,
+                )  # fmt: skip
+
+
 @ti.kernel
 def _advance(
     features: ti.template(),
@@ -382,139 +503,44 @@ def _advance(
     elapsed: ti.i32,
     duration: ti.i32,
     step: ti.i32,
+    row: ti.i32,
+    count: ti.i32,
 ):
-    # On a card the shore has a part of its own, for the few particles that are near it: its integers of 64 bits take
-    # twice the registers of all else, which each thread would be given.
-    late = ti.static(bool(features & COAST) and bundle.alone())
+    late = ti.static(_late(features))
     if ti.static(late):
         aside[0] = 0
     threads = ti.static(bundle.threads(448 if features & DIFFUSION else 512))  # more would spill registers
     if ti.static(threads):
         ti.loop_config(block_dim=threads)
     for block in range((last - first + width - 1) // width):
-        held = held_of()
         begin = first + block * width
         n = core.lon.shape[0]  # length of a row in arrays of several columns
-        for j in range(ti.min(width, last - begin)):
-            i = batch.slot(listed, slots, begin + j)
-            _muster(features, i, j, held, core, own, shift, terms, n, elapsed, duration)
-        if ti.static(bundle.alone()):
-            if held.moving[0, 0] == 0:
-                continue
-        if ti.static(features & REFLOAT):
-            for j in range(width):
-                if held.waits[0, j] == 1:
-                    _refloat(features, velocity, held, j, core, sea, coast, terms, elapsed, duration)
-        for j in range(width):
-            held.dt[0, j] = ti.cast(held.finish[0, j] - held.left[0, j], ti.f32)
-            held.begin[0, j] = ti.cast(held.left[0, j] - elapsed, ti.f32) / duration
-            held.share[0, j] = held.dt[0, j] / duration
-            held.trig[0, j], held.trig[1, j] = sphere.cos_lat(held.place[1, j]), sphere.sin_lat(held.place[1, j])
-            held.valid[0, j], held.sets_off[0, j] = 1.0, 1.0
-        errors.draw_errors(features, width, held, table, terms, step)
-        if ti.static(bundle.alone() and features & DIFFUSION):
-            # The walk is asked for here, so that a card holds it during the stages, and not the dozen numbers of which
-            # it is made.
-            held.valid[0, 0] = ti.select(held.walk[0, 0] + held.walk[1, 0] < sphere.RADIUS, 1.0, 0.0)
-        for j in range(width):
-            if held.moving[0, j] == 1:
-                _keep(features, j, held, own, n)
-        scheme = ti.static(integrate.CLASSICAL if features & RK4 else integrate.MIDPOINT)
-        # The loop runs at run time: unrolled it takes three times as long to compile and runs no faster.
-        for stage in range(ti.static(len(scheme[0]))):
-            entry = integrate.tableau(scheme, stage)
-            for j in range(width):
-                way = _way(held, j)
-                own_drift = _drifter(features, held, j, way.valid)
-                if ti.static(features & POLAR):
-                    way = integrate.lead_over_pole(
-                        velocity, ti.static(bool(features & REFLOAT)), features, sea, own_drift, way,
-                        held.place[0, j], held.place[1, j], terms.direction * held.dt[0, j],
-                        held.begin[0, j] + entry[0] * held.share[0, j], entry, _off(features, held, j),
-                    )  # fmt: skip
-                else:
-                    way = integrate.lead(
-                        velocity, ti.static(bool(features & REFLOAT)), features, sea, own_drift, way,
-                        held.place[0, j], held.place[1, j], held.trig[0, j], held.trig[1, j],
-                        terms.direction * held.dt[0, j], held.begin[0, j] + entry[0] * held.share[0, j], entry,
-                        _off(features, held, j),
-                    )  # fmt: skip
-                for k in ti.static(range(2)):
-                    held.first[k, j] = ti.select(stage == 0, way.last[k], held.first[k, j])
-                    held.last[k, j], held.total[k, j] = way.last[k], way.total[k]
-                held.valid[0, j], held.sets_off[0, j] = way.valid, way.sets_off
-        for j in range(width):
-            way = integrate.led(_way(held, j))
-            for k in ti.static(range(2)):
-                held.total[k, j] = way[k]
-            if ti.static(features & POLAR):
-                if ti.static(features & DIFFUSION):
-                    way += f32x2(held.walk[0, j], held.walk[1, j])
-                near = way.norm() < LONGEST
-                x, y = held.place[0, j], held.place[1, j]
-                x_end, y_end = sphere.exponential(x, y, ti.select(near, way[0], 0.0), ti.select(near, way[1], 0.0))
-                held.move[0, j], held.move[1, j] = x_end - x, y_end - y
-                held.known[0, j] = ti.cast(near & (held.valid[0, j] > 0.5), ti.i32)
-            else:
-                if ti.static(features & DIFFUSION):
-                    way += errors.walked(f32x2(held.walk[0, j], held.walk[1, j]), held.trig[0, j], held.trig[1, j])
-                near = ti.max(ti.abs(way[0]), ti.abs(way[1])) < FARTHEST
-                for k in ti.static(range(2)):
-                    held.move[k, j] = ti.cast(ti.round(ti.select(near, way[k], 0.0)), ti.i32)
-                held.known[0, j] = ti.cast(near & (held.valid[0, j] > 0.5), ti.i32)
-            if ti.static(features & COAST):
-                off = curve.bulge(_flat(features, _bend(features, held, j), held.trig[0, j]))
-                far = shore.is_far(
-                    ti.static(bool(features & DIFFUSION)), held.place[0, j], held.place[1, j],
-                    held.move[0, j], held.move[1, j], ti.cast(ti.max(off[0], off[1]), ti.i32) + 1,
-                    held.trig[0, j], held.variance[0, j], coast,
-                )  # fmt: skip
-                if ti.static(features & POLAR):
-                    far |= ti.min(ti.abs(held.place[1, j]), ti.abs(held.place[1, j] + held.move[1, j])) > POLEWARD
-                held.far[0, j] = ti.cast(far, ti.i32)
-        for j in range(width):
-            # Where the drift leads onto the beach, the particle waits for one that leads off it.
-            if held.moving[0, j] == 1 and held.sets_off[0, j] > 0.5:
-                i, x, y = held.i[0, j], held.place[0, j], held.place[1, j]
-                if ti.static(features & REFLOAT):
-                    core.moving_since[i] = held.left[0, j]
-                if ti.static(features & DIVERGENCE):
-                    x_half, y_half = (
-                        x + ti.cast(0.5 * held.total[0, j], ti.i32),
-                        y + ti.cast(0.5 * held.total[1, j], ti.i32),
-                    )
-                    if ti.static(features & POLAR):
-                        x_half, y_half = sphere.exponential(x, y, 0.5 * held.total[0, j], 0.5 * held.total[1, j])
-                    core.log_weight[i] -= held.dt[0, j] * integrate.divergence(
-                        velocity, features, sea, _drifter(features, held, j, 1.0), x_half, y_half,
-                        held.begin[0, j] + 0.5 * held.share[0, j],
-                    )  # fmt: skip
-                if ti.static(late):
-                    if held.far[0, j] == 0:
-                        _put_aside(held, j, _bend(features, held, j), aside, begin + j - first)
-                    else:
-                        _end(
-                            ti.static(features & ~(COAST | SLIDE)), held, j, _bend(features, held, j),
-                            core, own, coast, terms, n, elapsed, duration, step,
-                        )  # fmt: skip
-                else:
-                    _end(
-                        features, held, j, _bend(features, held, j),
-                        core, own, coast, terms, n, elapsed, duration, step,
-                    )  # fmt: skip
+        for k in range(count):
+            since, number = elapsed + k * duration, step + k * ti.cast(terms.direction, ti.i32)
+            held = held_of()
+            for j in range(ti.min(width, last - begin)):
+                i = batch.slot(listed, slots, begin + j)
+                _muster(features, i, j, held, core, own, shift, terms, n, since, duration)
+            if ti.static(bundle.alone()):
+                if held.moving[0, 0] == 0:
+                    continue
+            _lead(
+                features, velocity, width, held, table, core, own, sea, coast, terms, aside, begin - first, n,
+                since, duration, number, (row + k) * numbers_of(sea),
+            )  # fmt: skip
     if ti.static(late):
         for p in range(aside[0]):
             held = held_of()
             n = core.lon.shape[0]
-            row = 1 + ASIDE * p
-            i = batch.slot(listed, slots, first + (aside[row] >> 1))
+            q = 1 + ASIDE * p
+            i = batch.slot(listed, slots, first + (aside[q] >> 1))
             _muster(features, i, 0, held, core, own, shift, terms, n, elapsed, duration)
-            held.known[0, 0] = aside[row] & 1
+            held.known[0, 0] = aside[q] & 1
             for m in ti.static(range(2)):
-                held.move[m, 0] = aside[row + 1 + m]
-            curved = f32x4([ti.bit_cast(aside[row + 3 + m], ti.f32) for m in ti.static(range(4))])
+                held.move[m, 0] = aside[q + 1 + m]
+            curved = f32x4([ti.bit_cast(aside[q + 3 + m], ti.f32) for m in ti.static(range(4))])
             if ti.static(features & REFLOAT):  # where it left the beach to, and when
-                held.place[0, 0], held.place[1, 0], held.left[0, 0] = aside[row + 7], aside[row + 8], aside[row + 9]
+                held.place[0, 0], held.place[1, 0], held.left[0, 0] = aside[q + 7], aside[q + 8], aside[q + 9]
             held.trig[0, 0] = sphere.cos_lat(held.place[1, 0])
             if ti.static(features & DIFFUSION):
                 dt = ti.cast(held.finish[0, 0] - held.left[0, 0], ti.f32)
@@ -540,7 +566,11 @@ class Step(NamedTuple):
     pieces: int = 1  # straight pieces into which evidence cuts the ways of what drifts in it
 
 
-Move = Callable[[Step], None]
+class Move(Protocol):
+    """What moves particles over a step, or over `count` steps like it that follow each other."""
+
+    def __call__(self, step: Step, count: int = 1) -> None:
+        """Move them, in place. Of each of the steps `Tiles.blend` has been told."""
 
 
 class Domain(NamedTuple):
@@ -632,7 +662,9 @@ def mover(
     velocity: Any = drift,
     bend: Any = None,
 ) -> Move:
-    """Return a function that moves slots of an ensemble over one lattice step, in place, by one launch.
+    """Return a function that moves slots of an ensemble over one lattice step or several, in place.
+
+    Several take one launch; on a card with a coast one each, which wait for nothing.
 
     ensemble: a drift.engine.particles.ensemble.Ensemble. own: its slots that are moved; the number of each in the whole run is
     the key of its noise. ranges: first and last tile by quantity. physics: of each scenario of the batch. direction: of
@@ -682,7 +714,14 @@ def mover(
             "keeps": int(keeps),
         },
         runtime.empty(_set_aside(needed, own.last - own.first), ti.i32),
-        *(0, 1, 0),
+        *(0, 1, 0, 0, 1),
     )
-    move = launch.bind(_advance, args, ("elapsed", "duration", "step"))
-    return lambda step: move(step.elapsed, step.duration, step.number)
+    launched = launch.bind(_advance, args, ("elapsed", "duration", "step", "row", "count"))
+
+    def move(step: Step, count: int = 1) -> None:
+        at_once = 1 if _late(needed) else count
+        for k in range(0, count, at_once):
+            elapsed, number = step.elapsed + k * step.duration, step.number + k * direction
+            launched(elapsed, step.duration, number, k, at_once)
+
+    return move

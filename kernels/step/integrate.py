@@ -121,7 +121,7 @@ def lead_over_pole(
     current = sphere.carried_on(f32x2(own.error[0], own.error[1]), turn)
     wind = sphere.carried_on(f32x2(own.error[2], own.error[3]), turn)
     error = f32x4(current[0], current[1], wind[0], wind[1])
-    there = Drifter(line=own.line, error=error, member=own.member, asks=own.asks)
+    there = Drifter(line=own.line, error=error, member=own.member, row=own.row, asks=own.asks)
     r = velocity(features, sea, there, x, y, fraction)
     here = sphere.carried_back(f32x2(r[0], r[1]), turn)
     sets_off = _sets_off(beached, way, entry, f32x3(here[0], here[1], r[2]), off)

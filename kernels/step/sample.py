@@ -10,13 +10,13 @@ whole group is silent the answer is not valid, never zero.
 Where a source is an ensemble, its tile holds the nodes of one member after those of the other, and a particle is told by
 the nodes of its own member; a tile without members tells all alike.
 
-Per tile, `where` (int32) holds WHERE numbers: its first node, lon0, lat0 [binary angle], nlon, the tile after the last
+`scale` says that of each of the next steps, one after the other. Per tile, `where` (int32) holds WHERE numbers: its first node, lon0, lat0 [binary angle], nlon, the tile after the last
 one of its group, and the nodes from one member to the next (0: it has none); `scale` (float32) SCALE numbers: nodes per unit east and north, the last node's coordinates
 (nlon - 1, nlat - 1; negative: nothing for this step), and the weight of the later slice at the begin of the step and
 its change over the step.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,7 @@ from geo.grids.grid import Grid
 from kernels.runtime import launch, runtime
 
 WHERE, SCALE = 6, 6
+MOST = 32  # steps of which the weights are on the device
 
 f32x3 = ti.types.vector(3, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
@@ -59,6 +60,7 @@ def ordered(ranges: Ranges) -> tuple[int, ...]:
 def of_tile(
     members: ti.template(),
     sea: ti.template(),
+    row: ti.i32,
     tile: ti.i32,
     lon: ti.i32,
     lat: ti.i32,
@@ -67,12 +69,12 @@ def of_tile(
 ) -> f32x3:
     """Return (east, north, valid) of one tile; zeros where it does not know the point.
 
-    fraction: of the step. members: whether any tile has members, known when this is compiled; member: the point's own.
+    row: where `scale` begins for the step; fraction: of the step. members: whether any tile has members, known when this is compiled; member: the point's own.
 
     It reads four nodes even then, and so does without a branch: see kernels.runtime.bundle.
     """
     nodes, where, scale = ti.static(sea.nodes, sea.where, sea.scale)
-    w, s = tile * WHERE, tile * SCALE
+    w, s = tile * WHERE, row + tile * SCALE
     # Differences are taken modulo a turn: a tile may lie across the antimeridian, and what lies west or south of it
     # comes out far east or north.
     x = ti.cast(ti.cast(lon - where[w + 1], ti.u32), ti.f32) * scale[s]
@@ -98,6 +100,7 @@ def of_tile(
 def sample(
     members: ti.template(),
     sea: ti.template(),
+    row: ti.i32,
     first: ti.i32,
     last: ti.i32,
     lon: ti.i32,
@@ -107,7 +110,8 @@ def sample(
 ) -> f32x3:
     """Return (east, north, valid), added up over the groups of tiles in [first, last).
 
-    Of each group the first tile that knows the point answers. sea: a `Sea`; fraction: of the step. first must begin a
+    Of each group the first tile that knows the point answers. sea: a `Sea`; row: where its `scale` begins for the step;
+    fraction: of the step. first must begin a
     group, last end one. members: whether any tile has members, known when this is compiled; member: the point's own.
     """
     where = ti.static(sea.where)
@@ -115,7 +119,7 @@ def sample(
     tile = first
     while tile < last:
         w = tile * WHERE
-        r = of_tile(members, sea, tile, lon, lat, fraction, member)
+        r = of_tile(members, sea, row, tile, lon, lat, fraction, member)
         east, north, valid = east + r[0], north + r[1], r[2]
         if valid > 0.5:
             tile = where[w + 4]  # the next group
@@ -124,6 +128,12 @@ def sample(
             if tile == where[w + 4]:
                 tile = last  # the group has nothing here: neither has the sum
     return f32x3(east, north, valid)
+
+
+@ti.func
+def numbers_of(sea: ti.template()) -> ti.i32:
+    """Return how many numbers of `scale` belong to one step."""
+    return sea.where.shape[0] // WHERE * SCALE
 
 
 def members_of(columns: Mapping[str, Any], tiles: "Tiles") -> Any:
@@ -157,7 +167,7 @@ def _sample_all(
     out: ti.types.ndarray(dtype=ti.f32, ndim=1),
 ):
     for i in range(lon.shape[0]):
-        r = sample(members, sea, first, last, lon[i], lat[i], fraction, member[i])
+        r = sample(members, sea, 0, first, last, lon[i], lat[i], fraction, member[i])
         for k in ti.static(range(3)):
             out[3 * i + k] = r[k]
 
@@ -189,7 +199,8 @@ class Tiles:
             stride = self._own[row] if many[row] > 1 else 0
             self._where[row] = begin, sphere.to_binary(grid.lon0), sphere.to_binary(grid.lat0), grid.nlon, end, stride
             self._scale[row] = 360 / sphere.TURN / grid.dlon, 360 / sphere.TURN / grid.dlat, -1, -1, 0, 0
-        self.where, self.scale = runtime.upload(self._where), runtime.upload(self._scale)
+        self.where = runtime.upload(self._where)
+        self.scale = runtime.upload(np.tile(self._scale, (MOST, 1)))
         self._seas: dict[tuple[int, ...], ti.ArgPack] = {}
 
     def place(self, tile: int, values: np.ndarray, *, later: bool, shift: bool = False, member: int = 0) -> None:
@@ -205,14 +216,19 @@ class Tiles:
             own[:, 0] = own[:, 1]
         own[:, int(later)] = flat.view(np.int64)
 
-    def blend(self, weights: list[tuple[float, float] | None]) -> None:
-        """Set, per tile, the later slice's weight at begin and end of the step; None: nothing for this step."""
-        for row, weight in enumerate(weights):
-            grid = self.grids[row]
-            self._scale[row, 2:4] = (grid.nlon - 1, grid.nlat - 1) if weight else (-1, -1)
-            begin, end = weight or (0.0, 0.0)
-            self._scale[row, 4:] = begin, end - begin
-        self.scale.from_numpy(self._scale.reshape(-1))
+    def blend(self, *steps: Sequence[tuple[float, float] | None]) -> None:
+        """Say where in time the next steps lie, at most MOST.
+
+        Args:
+            steps: of each, per tile, the later slice's weight at its begin and end; None: nothing for this step.
+        """
+        scale = np.tile(self._scale, (MOST, 1, 1))
+        for own, weights in zip(scale, steps, strict=False):
+            for row, (grid, weight) in enumerate(zip(self.grids, weights, strict=True)):
+                own[row, 2:4] = (grid.nlon - 1, grid.nlat - 1) if weight else (-1, -1)
+                begin, end = weight or (0.0, 0.0)
+                own[row, 4:] = begin, end - begin
+        self.scale.from_numpy(scale.reshape(-1))
 
     def at(
         self, first: int, last: int, lon: np.ndarray, lat: np.ndarray, fraction: float, member: np.ndarray | None = None

@@ -21,6 +21,7 @@ class Drifter:
     line: f32x4  # leeway: slope and offset [m/s] downwind and to the right of downwind
     error: f32x4  # of current and wind, east and north [m/s]
     member: ti.i32  # of an ensemble of forcings; 0 where there is none
+    row: ti.i32  # where `Sea.scale` has the weights of this step
     asks: ti.f32  # 0: the answer does not count
 
 
@@ -55,9 +56,9 @@ def _of(
         # and does not hold them in two dozen registers all through the step.
         first = ti.select(own.asks > 0.5, first, 0)
     if ti.static(features & LAYERS):
-        r = sample(members, sea, first, sea.ranges[place + 1], lon, lat, fraction, own.member)
+        r = sample(members, sea, own.row, first, sea.ranges[place + 1], lon, lat, fraction, own.member)
     else:
-        r = of_tile(members, sea, first, lon, lat, fraction, own.member)
+        r = of_tile(members, sea, own.row, first, lon, lat, fraction, own.member)
     return r
 
 

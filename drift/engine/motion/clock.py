@@ -9,6 +9,7 @@ import itertools
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -43,6 +44,14 @@ def _common(times: npt.NDArray[np.int64], origin: int) -> int:
     return int(np.gcd.reduce(np.abs(times - origin)))
 
 
+class Timed(NamedTuple):
+    """A step, and between which times it lies [s since 1970]."""
+
+    low: int
+    high: int
+    step: kernel.Step
+
+
 @dataclass(frozen=True)
 class Clock:
     """The time of a run, from start, in lattice steps.
@@ -63,8 +72,8 @@ class Clock:
         time = self.start + self.direction * elapsed
         return (time - self.phase) % self.step == 0 or time in self.breaks
 
-    def steps(self) -> Iterator[tuple[int, int, kernel.Step]]:
-        """Return (low, high) [s since 1970] and the step, in the order of the run, covering start to end."""
+    def steps(self) -> Iterator[Timed]:
+        """Return the steps in the order of the run, covering start to end."""
         inside = (self.start - self.phase) % self.step  # how far the start lies above its lattice point
         low = self.start - inside
         if self.direction < 0 and inside == 0:
@@ -76,7 +85,8 @@ class Clock:
                     return
                 if elapsed + end - begin > 0:  # else it ends before the run begins
                     pieces = -(-(end - begin) // self.straight)
-                    yield begin, end, kernel.Step(self._number(begin), elapsed, end - begin, self.direction, pieces)
+                    step = kernel.Step(self._number(begin), elapsed, end - begin, self.direction, pieces)
+                    yield Timed(begin, end, step)
             low += self.direction * self.step
 
     def _parts(self, low: int, high: int) -> list[tuple[int, int]]:

@@ -112,18 +112,31 @@ class Forcing:
         """Return how many members of an ensemble tell a scenario a quantity; 1 where it is none."""
         return max((len(self._slices[tile]) for tile in range(*self.ranges[scenario][quantity])), default=1)
 
-    def set(self, low: int, high: int) -> None:
-        """Make the tiles say what the forcing is over the step [low, high] [s since 1970]."""
-        weights: list[tuple[float, float] | None] = []
-        for tile, slices in enumerate(self._slices):
-            bracket = slices[0].bracket(low, high)  # members have the same times
-            if bracket is None:
-                weights.append(None)
-                continue
-            self._load(tile, slices, bracket)
-            ends = (bracket.low, bracket.high)
-            weights.append(ends if self._direction > 0 else ends[::-1])
-        self.tiles.blend(weights)
+    def set(self, low: int, high: int, count: int = 1) -> None:
+        """Make the tiles say what the forcing is over a step and over those after it.
+
+        Args:
+            low: when the step begins [s since 1970], in calendar time.
+            high: when it ends.
+            count: of the steps, as long as the first, whose slices must be those of the first: see `alike`.
+        """
+        forth = self._direction * (high - low)
+        steps = [[s[0].bracket(low + k * forth, high + k * forth) for s in self._slices] for k in range(count)]
+        for tile, (slices, bracket) in enumerate(zip(self._slices, steps[0], strict=True)):
+            if bracket is not None:
+                self._load(tile, slices, bracket)
+        self.tiles.blend(*([self._weights(bracket) for bracket in brackets] for brackets in steps))
+
+    def _weights(self, bracket: Bracket | None) -> tuple[float, float] | None:
+        """Return the weights of the later slice as a step begins and as it ends; None: there is no slice."""
+        if bracket is None:
+            return None
+        return (bracket.low, bracket.high) if self._direction > 0 else (bracket.high, bracket.low)
+
+    def alike(self, one: tuple[int, int], other: tuple[int, int]) -> bool:
+        """Return whether two steps, low and high [s since 1970] each, lie between the same slices of all sources."""
+        both = ((s[0].bracket(*one), s[0].bracket(*other)) for s in self._slices)  # members have the same times
+        return all((a and (a.earlier, a.later)) == (b and (b.earlier, b.later)) for a, b in both)
 
     def _load(self, tile: int, members: tuple[Slices, ...], bracket: Bracket) -> None:
         wanted, held = (bracket.earlier, bracket.later), self._held[tile]

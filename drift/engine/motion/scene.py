@@ -28,9 +28,11 @@ from kernels.steering import pieces
 from kernels.steering.pieces import Paths
 from kernels.step import advance as kernel
 from kernels.step import coast as device_coast
-from kernels.step import curve
+from kernels.step import curve, sample
 from kernels.step.bridge import Inside
 from kernels.step.sample import Ranges, ordered
+
+AT_ONCE = 20_000_000  # steps of a particle in a launch, about a second, after which a run can be interrupted
 
 
 class Begin(NamedTuple):
@@ -61,12 +63,15 @@ class Scene:
     steering: Steering | None = None  # how scenarios steer before that; None: none does
     guided: Guided | None = None  # how noise is nudged toward finds; None: it is not
 
-    def advance(self, ensemble: Ensemble, low: int, high: int, step: kernel.Step, keep: bool = False) -> Begin | None:
+    def advance(
+        self, ensemble: Ensemble, low: int, high: int, step: kernel.Step, keep: bool = False, count: int = 1
+    ) -> Begin | None:
         """Move all slots over one step, in place: first what steers, each until its distress, then what is adrift.
 
-        Return where they began the step, if it is to be kept.
+        Return where they began the step, if it is to be kept. count: also move them over the steps after it, so many in
+        all, none of which is kept: see `at_once` and Forcing.alike.
         """
-        self.forcing.set(low, high)
+        self.forcing.set(low, high, count)
         helm, at_helm = self.helm(ensemble), None
         if helm:
             helm.feel(self.forcing, step)
@@ -80,8 +85,15 @@ class Scene:
         )
         guided.set_nudges(self.guided, ensemble, step)
         for move in moves:
-            move(step)
+            move(step, count)
         return begin
+
+    def at_once(self, ensemble: Ensemble) -> int:
+        """Return how many steps `advance` makes in one go at most. The results do not depend on it."""
+        if self.steering is not None or self.guided is not None:  # they are asked about every step
+            return 1
+        most: int = min(sample.MOST, AT_ONCE // max(ensemble.n, 1))
+        return max(1, most)
 
     def helm(self, ensemble: Ensemble) -> Helm | None:
         """Return what steers an ensemble; None: nothing does. It is made once, as `_movers` are."""

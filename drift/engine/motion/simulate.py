@@ -4,12 +4,13 @@ Steps are those of the clock's lattice. Releases and outputs fall where they may
 an output inside a step lies on the curve that the step describes (kernels.step.curve).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
 
-from drift.engine.motion.clock import Clock
+from drift.engine.motion.clock import Clock, Timed
+from drift.engine.motion.forcing import Forcing
 from drift.engine.motion.scene import Begin, Kept, Scene
 from drift.engine.particles import life
 from drift.engine.particles.ensemble import Ensemble, Layout
@@ -45,6 +46,9 @@ class Filter(Protocol):
 
     def stops(self, after: int, until: int, step: kernel.Step | None = None) -> list[int]:
         """Return the times in (after, until] at which an update takes effect [s after start]; step: the step between the two."""
+
+    def rests(self, step: kernel.Step) -> bool:
+        """Return whether a step is nothing to it, so that none of what follows need be called."""
 
     def before(self, elapsed: int, duration: int) -> bool:
         """Make ready for a step, for which the forcing is set; return whether it has to know where the step began."""
@@ -126,8 +130,7 @@ def run(
 ) -> Iterator[Moment]:
     """Yield the ensemble at each output time [s since start, ascending, shape (m,)], moving it in place.
 
-    progress: takes the share of the run that is done, after every step; watch: takes when the step began [s since
-    start]; search: looks on and changes weights. since: go on from the step that begins then [s since start]; None: from the
+    progress: takes the share of the run that is done; watch: takes when each step began [s since start]; search: looks on and changes weights. since: go on from the step that begins then [s since start]; None: from the
     run's start.
     """
     due = [int(t) for t in outputs if since is None or t > since]
@@ -136,34 +139,69 @@ def run(
             search.take_effect(time, lambda which, *_: _now(which))
     while since is None and due and due[0] <= 0:
         yield _moment(ensemble, partial(_now, ensemble), due.pop(0), search)
-    for low, high, step in clock.steps():
-        if since is not None and step.elapsed < since:
-            continue
-        end = step.elapsed + step.duration
+    steps = (timed for timed in clock.steps() if since is None or timed.step.elapsed >= since)
+    at_once = 1 if watch else scene.at_once(ensemble)
+    for first, last in _together(steps, partial(_joins, scene.forcing, at_once, due, search)):
+        low, high, step = first
+        end = last.step.elapsed + step.duration
+        count = 1 + (last.step.elapsed - step.elapsed) // step.duration
+        watching = search if search and not search.rests(step) else None
         shown = {t for t in due if t <= end}
-        stops = set(search.stops(max(step.elapsed, 0), end, step)) if search else set()
+        stops = set(watching.stops(max(step.elapsed, 0), end, step)) if watching else set()
         inside = any(t < end for t in shown | stops)
-        if search:
+        if watching:
             scene.forcing.set(low, high)
-            inside |= search.before(step.elapsed, step.duration)
-            search.ready(step)
-        begin = scene.advance(ensemble, low, high, step, keep=inside)
-        within = _Within(ensemble, clock, step, begin)
-        if search:
-            search.moved(begin)
+            inside |= watching.before(step.elapsed, step.duration)
+            watching.ready(step)
+        begin = scene.advance(ensemble, low, high, step, keep=inside, count=count)
+        within = _Within(ensemble, clock, last.step, begin)
+        if watching:
+            watching.moved(begin)
         if watch:
             watch(step.elapsed)
         for t in sorted(shown | stops):
-            if search and t in stops:
-                search.take_effect(t, within.at)
+            if watching and t in stops:
+                watching.take_effect(t, within.at)
             while due and due[0] == t:
                 yield _moment(ensemble, partial(within.look, ensemble, scene, None, t), due.pop(0), search)
-        if search:
-            search.watch(end)
+        if watching:
+            watching.watch(end)
             if end < clock.duration:  # the last outputs show the particles as they were when it ended
-                search.after(end)
+                watching.after(end)
         if progress:
             progress(min(end / clock.duration, 1.0))
+
+
+def _together(steps: Iterable[Timed], joins: Callable[[Timed, Timed, Timed], bool]) -> Iterator[tuple[Timed, Timed]]:
+    """Yield the first and the last of steps that are made in one go; joins: whether a step joins such steps."""
+    made: tuple[Timed, Timed] | None = None
+    for timed in steps:
+        if made is not None and joins(*made, timed):
+            made = made[0], timed
+            continue
+        if made is not None:
+            yield made
+        made = timed, timed
+    if made is not None:
+        yield made
+
+
+def _joins(
+    forcing: Forcing, at_once: int, due: list[int], search: Filter | None, first: Timed, last: Timed, timed: Timed
+) -> bool:
+    """Return whether a step is made together with those from the first to the last before it.
+
+    So it is where nothing is asked until its end, and all lie between the same slices of the forcing.
+    """
+    step, begun = timed.step, first.step
+    return (
+        step.duration == begun.duration
+        and step.number == last.step.number + step.direction
+        and step.elapsed - begun.elapsed < at_once * step.duration
+        and not (due and due[0] < step.elapsed + step.duration)
+        and (search is None or (search.rests(begun) and search.rests(step)))
+        and forcing.alike((first.low, first.high), (timed.low, timed.high))
+    )
 
 
 def _moment(ensemble: Ensemble, look: Callable[[], tuple[Array, Array]], time: int, search: Filter | None) -> Moment:

@@ -200,17 +200,25 @@ class SearchFilter:
         times += [time for time, _, _ in self._contacts] + [time for time, _ in self._looks]
         return sorted({t for t in times if after < t <= until} | self._observers.stops(after, until, step))
 
+    def rests(self, step: Step) -> bool:
+        """Return whether nothing looks on or takes effect in a step, and nothing that did waits to be drawn from."""
+        end = step.elapsed + step.duration
+        busy = self._happened or self._looks_on(step.elapsed, end)
+        return not (busy or self.stops(max(step.elapsed, 0), end, step))
+
     def before(self, elapsed: int, duration: int) -> bool:
         """Take the markers of sorties over a step, for which the forcing is set; return whether any is flown in it."""
         self._meeting.begin(elapsed, elapsed + duration)
-        under_way = self._flown(elapsed + duration)
-        for flown in under_way:
+        for flown in self._flown(elapsed + duration):
             flown.drift(self._scene.forcing, elapsed, duration)
-        end = elapsed + duration
+        return self._looks_on(elapsed, elapsed + duration)
+
+    def _looks_on(self, elapsed: int, end: int) -> bool:
+        """Return whether something asks where the particles begin a step between two times."""
         debris = any(beside.last > elapsed for beside in self._debris.values())
         moving = any(elapsed < when <= end and heard.asks_velocity(contact) for when, _, contact in self._contacts)
         moving |= any(elapsed < when <= end and sight.by_speed(look.sensor) for when, look in self._looks)
-        return bool(under_way) or debris or moving or self._observers.looking(elapsed + duration)
+        return bool(self._flown(end)) or debris or moving or self._observers.looking(end)
 
     def moved(self, begin: Begin | None) -> None:
         """Take note of where the particles began the step that has just been made."""

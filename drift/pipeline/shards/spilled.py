@@ -98,7 +98,8 @@ class Unit:
         landings = Landings(ensemble, scene.place.beach.stay > 0)
         with contextlib.closing(Forcing(list(where.scenarios), case.direction)) as forcing:
             own, outputs = replace(scene, forcing=forcing), case.period.seconds(case.outputs)
-            moments = simulate.run(ensemble, own, self.clock, outputs, tell, landings.watch)
+            watch = landings.watch if landings.refloats else None
+            moments = simulate.run(ensemble, own, self.clock, outputs, tell, watch)
             reel.record(case.period, moments)
         reel.end_with(ensemble)
         landings.note(reel)

@@ -235,7 +235,9 @@ def test_what_refloats_within_a_step_lies_ashore_until_it_does() -> None:
     class Tide(Scene):
         """A scene in which the particle floats off at 2000 s and goes 16,000 units north."""
 
-        def advance(self, ensemble: record.Ensemble, low: int, high: int, step: object, keep: bool = False) -> Begin:
+        def advance(
+            self, ensemble: record.Ensemble, low: int, high: int, step: object, keep: bool = False, count: int = 1
+        ) -> Begin:
             begin = Begin(runtime.copy(ensemble.lon), runtime.copy(ensemble.lat), None, runtime.empty(4))
             ensemble.status.fill(int(Status.ADRIFT))
             ensemble.moving_since.fill(2000)
