@@ -186,7 +186,7 @@ def grid_of(outputs: Sequence[Output], scenarios: int) -> Cells:
     columns, rows = (-(-count * old // new) for count, old, new in (
         (grid.nlon, grid.width, width), (grid.nlat, grid.height, height)
     ))  # fmt: skip
-    return Cells(grid.lon0, grid.lat0, width, height, min(columns, sphere.TURN // width), rows)
+    return Cells(grid.lon0, grid.lat0, width, height, min(columns, _whole_turn(width)), rows)
 
 
 def _shown(surveys: Sequence[Survey]) -> Shown:
@@ -223,11 +223,11 @@ def _windows(clouds: Sequence[Cloud | None], centre: int) -> tuple[list[Cells | 
         fine = _wanted(own)
         x0, x1 = _span(own.west, own.east, width, 15 * fine / shrink)
         y0, y1 = _span(own.south, own.north, height, 15 * fine)
-        y0, y1 = max(y0, -(2**30) // height), min(y1, 2**30 // height)
+        x0, x1 = _within(x0, x1, width, -(2**31), 2**31)  # so far particles are unwrapped
+        y0, y1 = _within(y0, y1, height, -(2**30), 2**30)
         boxes.append((x0, x1, y0, y1, _halved(height, fine, max(x1 - x0, y1 - y0), halvings)))
     filled = [box for box in boxes if box is not None]
-    left = min(b[0] for b in filled)
-    right = min(max(b[1] for b in filled), left + sphere.TURN // width)
+    left, right = min(b[0] for b in filled), max(b[1] for b in filled)
     low, high = min(b[2] for b in filled), max(b[3] for b in filled)
 
     def lon0(x: int) -> int:
@@ -239,7 +239,12 @@ def _windows(clouds: Sequence[Cloud | None], centre: int) -> tuple[list[Cells | 
         None
         if box is None
         else Cells(
-            lon0(box[0]) - turns, box[2] * height, width, height, min(box[1], right) - box[0], box[3] - box[2]
+            lon0(box[0]) - turns,
+            box[2] * height,
+            width,
+            height,
+            min(box[1] - box[0], _whole_turn(width)),
+            box[3] - box[2],
         ).finer(box[4])
         for box in boxes
     ]
@@ -260,7 +265,9 @@ def _fixed(clouds: Sequence[Cloud | None], centre: int, grid: Cells) -> list[Cel
         fine = _wanted(own)
         x0, x1 = _span(offset + own.west, offset + own.east, grid.width, 15 * fine * grid.width / grid.height)
         y0, y1 = _span(own.south - grid.lat0, own.north - grid.lat0, grid.height, 15 * fine)
-        y0, y1 = max(y0, -((2**30 + grid.lat0) // grid.height)), min(y1, (2**30 - grid.lat0) // grid.height)
+        y0, y1 = _within(y0, y1, grid.height, -(2**30) - grid.lat0, 2**30 - grid.lat0)
+        if grid.nlon == _whole_turn(grid.width) and (x0 < 0 or x1 > grid.nlon):
+            x0, x1 = 0, grid.nlon  # what lies beyond one edge of the grid is at the other
         if (x1 - x0) * (y1 - y0) > MOST_ONE:
             across = max((x1 - x0) * grid.width * shrink, (y1 - y0) * grid.height) / METRE
             raise UserError(
@@ -283,6 +290,16 @@ def _span(low: int, high: int, cell: int, reach: float) -> tuple[int, int]:
     """Return the first and the last + 1 cell of an extent with its margin; reach: of a kernel beyond it."""
     margin = reach + 0.04 * (high - low)
     return int(np.floor((low - margin) / cell)), int(np.floor((high + margin) / cell)) + 1
+
+
+def _within(first: int, last: int, cell: int, low: int, high: int) -> tuple[int, int]:
+    """Return a range of cells, cut to those that hold any of [low, high): a part of a cell counts as a cell."""
+    return max(first, low // cell), min(last, -(-high // cell))
+
+
+def _whole_turn(width: int) -> int:
+    """Return how many columns go round the Earth; the last may hold a part of what the first does."""
+    return -(-sphere.TURN // width)
 
 
 def _halved(height: int, fine: float, across: int, most: int) -> int:

@@ -54,6 +54,10 @@ from kernels.step import advance
 from kernels.step import coast as device_coast
 
 BYTES_PER_PARTICLE = 250  # at the peak of a run in one piece of what drifts: 96 on the device, the rest on the host
+ON_CARD, ASIDE = (
+    200,
+    80,
+)  # [bytes] on a graphics card, where about 130 were seen; more where there is a coast: two lists
 SEARCHED, SORTIE, STEERING, DEBRIS = 250, 12, 200, 150  # [bytes] more; 510 in all were seen in a search of six sorties
 
 
@@ -189,14 +193,44 @@ def _listening(case: Case) -> int:
 
 
 def _check_memory(case: Case) -> None:
-    need, free, whose = case.particles * (BYTES_PER_PARTICLE + more_bytes(case)), memory.free(), "memory"
-    card = runtime.room() if need > devices.LEAST else None  # to ask takes as long as a small forecast
-    if card is not None and card < free:
-        free, whose = card, "the graphics card's memory"
+    need, free = case.particles * (BYTES_PER_PARTICLE + more_bytes(case)), memory.free()
+    remedy = "take fewer, or leave it to drift run to move them in shards that fit"
     if need > free:
         raise UserError(
             f"{case.path.name}: {case.particles:,} particles in one piece take {notation.size(need)}, and {notation.size(free)} "
-            f"of {whose} are free; take fewer, or leave it to drift run to move them in shards that fit"
+            f"of memory are free; {remedy}"
+        )
+    card = runtime.room() if need > devices.LEAST else None  # to ask takes as long as a small forecast
+    refuse_beyond(card, case, case.particles, case.path.name, remedy)
+
+
+def bytes_on_card(case: Case) -> int:
+    """Return how many bytes of a graphics card a particle takes that is being moved."""
+    kinds = 1 + len({contact.drifter for contact in case.contacts} - {None})  # the object's, and classes of debris
+    return ON_CARD + more_bytes(case) + ASIDE * kinds * (case.coast.source != "none")
+
+
+def refuse_beyond(card: int | None, case: Case, particles: int, what: str, remedy: str) -> None:
+    """Raise UserError where one array cannot count the particles of one piece, or a graphics card not hold them.
+
+    Args:
+        card: [bytes] that it has left; None: particles are on the processor.
+        case: whose particles they are.
+        particles: at once.
+        what: the message begins with this.
+        remedy: it ends with this.
+    """
+    rows = advance.ASIDE if card is not None and case.coast.source != "none" else len(advance.LEEWAY)
+    most = (2**31 - 2) // rows  # an array of 2^31 numbers cannot be made, nor its numbers be counted in int32
+    if particles > most:
+        raise UserError(
+            f"{what}: {particles:,} particles at once; at most {most:,} can be moved in one piece; {remedy}"
+        )
+    need = devices.LEAST + particles * bytes_on_card(case)
+    if card is not None and need > card:
+        raise UserError(
+            f"{what}: {particles:,} particles at once take {math.ceil(10 * need / 2**30) / 10:g} GiB of the graphics card, "
+            f"of which {card / 2**30:.1f} GiB are free; {remedy}"
         )
 
 

@@ -10,6 +10,7 @@ import importlib.metadata
 import os
 import struct
 import tempfile
+import time
 import zlib
 from collections.abc import Iterable
 from pathlib import Path
@@ -56,7 +57,7 @@ def cache_folder() -> Path:
 def _kept(box: Box | None) -> Polygons:
     """Return the polygons near a box, from the cache where it holds them; otherwise they are put there."""
     path = cache_folder() / f"gshhg-{version()}.pieces"
-    with contextlib.suppress(OSError, ValueError, struct.error, zlib.error, shapely.errors.GEOSException):
+    with contextlib.suppress(OSError, ValueError, MemoryError, struct.error, zlib.error, shapely.errors.GEOSException):
         return _read(path, box)
     polygons = _unpacked()
     with contextlib.suppress(OSError):  # a cache that cannot be written costs seconds next time, not the run
@@ -93,14 +94,24 @@ def _write(path: Path, polygons: Polygons) -> None:
         table.append((corners, len(packed[-1])))
     head = zlib.compress(np.array(table, PIECE).tobytes())
     path.parent.mkdir(parents=True, exist_ok=True)
+    _clear(path)
     with tempfile.NamedTemporaryFile(dir=path.parent, prefix=path.name, delete=False) as file:
         try:
             file.writelines((BEGIN.pack(MARK, len(head)), head, *packed))
             file.close()
+            os.chmod(file.name, 0o644)  # others may share the folder: a temporary file is its maker's alone
             os.replace(file.name, path)
-        except OSError:
+        except BaseException:  # Ctrl-C too
             os.unlink(file.name)
             raise
+
+
+def _clear(path: Path) -> None:
+    """Remove what writers that were killed have left beside a file, once it is a day old."""
+    for left in path.parent.glob(f"{path.name}?*"):
+        with contextlib.suppress(OSError):
+            if time.time() - left.stat().st_mtime > 86_400:
+                left.unlink()
 
 
 def _pieces(edges: npt.NDArray[np.float64], count: npt.NDArray[np.int32]) -> Iterable[npt.NDArray[np.int64]]:

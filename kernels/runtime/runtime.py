@@ -125,7 +125,7 @@ def _automatic(lanes: int | None, threads: int) -> Choice:
 def _init(backend: str, threads: int, device: Device | None) -> None:
     """Start Taichi; raise UserError where it does not start."""
     if backend == "vulkan" and device is not None:
-        os.environ.setdefault(devices.PICKING, str(device.number))  # Taichi may rank devices in another way
+        os.environ[devices.PICKING] = str(device.number)  # Taichi ranks devices in another way, and ends at "abc"
     try:
         with contextlib.redirect_stdout(io.StringIO()):
             # fast_math reorders sums, so that results would depend on the compiler; it would save 3 to 10 %.

@@ -216,7 +216,8 @@ def laid(
 
 
 def _zeros(many: int, kind: Any = ti.i64) -> Any:
-    return runtime.empty(many, kind) if able() else np.zeros(many, NUMPY[kind])
+    # Taichi 1.7.4 zeroes whole words of 32 bits: bytes beyond the last one would keep what was there.
+    return runtime.empty(many + -many % 4, kind) if able() else np.zeros(many, NUMPY[kind])
 
 
 def _read(sums: Any, many: int) -> Array:

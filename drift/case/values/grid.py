@@ -81,7 +81,7 @@ class GridTable(fields.Table):
             max(math.ceil(size * units_a_degree / cell - 0.01), 1)
             for size, cell in ((span, width), (self.north - self.south, height))
         )
-        return Cells(lon0, lat0, width, height, min(columns, sphere.TURN // width), rows)
+        return Cells(lon0, lat0, width, height, min(columns, -(-sphere.TURN // width)), rows)
 
     def _described(self) -> str:
         number, unit = self.spacing

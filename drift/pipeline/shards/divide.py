@@ -35,9 +35,6 @@ from kernels.step.coast import DeviceCoast
 GIB = 2**30
 BASE = 700 * 2**20  # [bytes] that a run takes however few its particles are: the program, the forcing, the coast, maps
 HELD = 200  # [bytes] a particle of the shard under way is given, while it is drawn and moved: about 130 were seen
-ASIDE = (
-    80  # [bytes] more on a graphics card where there is a coast: two lists of what is near it (kernels.step.advance)
-)
 WEIGHED = 6_000  # [bytes] a world of a spill while finds weigh it
 TOLD = 150  # [bytes] more for each output: 8,600 in all were seen at 21
 LEAST = 2**16  # particles in a shard, if memory is scarce
@@ -96,7 +93,7 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
                 f'particles: {case.particles:,} in one piece, as [resampling] method = "{case.resampling.method}" asks for, take '
                 f"{_up(whole)} GiB of memory, and {machine_memory.free() / GIB:.1f} GiB are free; give fewer"
             )
-        _refuse_beyond(card, case, case.particles, "particles", "give fewer, or use --backend cpu")
+        run_setup.refuse_beyond(card, case, case.particles, "particles", "give fewer, or use --backend cpu")
         return 1
     spill = case.spill
     weighed = (BASE + (WEIGHED + TOLD * case.outputs.size) * spill.worlds) / GIB if spill else 0.0
@@ -115,7 +112,8 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
             raise UserError(
                 f"--shards {shards}: so large they take {_up(each)} GiB, and --memory is {memory:.3g} (GiB); give one of them"
             )
-        _refuse_beyond(card, case, math.ceil(case.particles / shards), f"--shards {shards}", "give more shards")
+        remedy = "give more shards" if shards < most else "use --backend cpu, or end other programs on the card"
+        run_setup.refuse_beyond(card, case, math.ceil(case.particles / shards), f"--shards {shards}", remedy)
         return shards
     if memory is not None:
         room = min(memory * GIB / at_once, workers.limit if workers else math.inf)
@@ -123,19 +121,9 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
         room = min(workers.free, workers.limit) / 2 if workers else machine_memory.free() / 2
     size = max(int((room - BASE) / held(case)), LEAST)
     if card is not None:
-        size = min(size, max(int((card / 2 - devices.LEAST) / _held_on_card(case)), LEAST))
+        size = min(size, max(int((card / 2 - devices.LEAST) / run_setup.bytes_on_card(case)), LEAST))
     size = min(size, LOSS if card is None else LOSS_CARD)
     return min(max(math.ceil(case.particles / size), PER_WORKER * (workers.count if workers else 0), 1), most)
-
-
-def _refuse_beyond(card: int | None, case: Case, particles: int, what: str, remedy: str) -> None:
-    """Raise UserError where particles in one piece do not fit into what a graphics card has left [bytes]."""
-    need = devices.LEAST + particles * _held_on_card(case)
-    if card is not None and need > card:
-        raise UserError(
-            f"{what}: {particles:,} particles at once take {_up(need / GIB)} GiB of the graphics card, of which "
-            f"{card / GIB:.1f} GiB are free; {remedy}"
-        )
 
 
 def _up(size: float) -> str:
@@ -146,11 +134,6 @@ def _up(size: float) -> str:
 def held(case: Case) -> int:
     """Return how many bytes a particle of the shard under way is given."""
     return HELD + run_setup.more_bytes(case)
-
-
-def _held_on_card(case: Case) -> int:
-    """Return how many bytes of a graphics card a particle of the shard under way is given."""
-    return held(case) + ASIDE * (case.coast.source != "none")
 
 
 Begun = tuple[

@@ -1,6 +1,8 @@
 """GSHHG in pieces: the same polygons as the package holds, to the bit, whatever the box and whatever became of the file."""
 
+import contextlib
 import os
+import stat
 
 import numpy as np
 import oracle
@@ -67,14 +69,14 @@ def test_every_box_has_the_same_land_from_one_reading(land):
     assert reads == [1]
 
 
-@pytest.mark.parametrize("place", ["cut", "head", "piece", "foreign", "empty"])
+@pytest.mark.parametrize("place", ["cut", "head", "piece", "length", "foreign", "empty"])
 def test_a_broken_file_is_made_anew(land, place):
     polygons, reads = land
     gshhg.whole()
     (file,) = gshhg.cache_folder().iterdir()
     content = bytearray(file.read_bytes())
-    if place in ("head", "piece"):
-        at = gshhg.BEGIN.size + 30 if place == "head" else len(content) // 2
+    if place in ("head", "piece", "length"):  # the length of the table, which asks for 2^60 bytes then
+        at = {"head": gshhg.BEGIN.size + 30, "piece": len(content) // 2, "length": gshhg.BEGIN.size - 1}[place]
         content[at] ^= 0x10
     file.write_bytes({"cut": content[:-20], "foreign": b"nothing of the kind" * 9, "empty": b""}.get(place, content))
     assert same(gshhg.whole(), polygons)
@@ -103,13 +105,32 @@ def test_a_cache_that_cannot_be_written_costs_time_alone(land, tmp_path, monkeyp
     assert same(gshhg.whole(), polygons)
 
 
-def test_a_full_disk_leaves_nothing_behind(land, monkeypatch):
-    def full(source, target):
-        raise OSError(28, "No space left on device")
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_a_full_disk_or_an_interrupt_leaves_nothing_behind(land, monkeypatch, error):
+    def fail(source, target):
+        raise error
 
-    monkeypatch.setattr(os, "replace", full)
-    assert same(gshhg.whole(), land[0])
+    monkeypatch.setattr(os, "replace", fail)
+    with contextlib.suppress(KeyboardInterrupt):
+        assert same(gshhg.whole(), land[0])
     assert not list(gshhg.cache_folder().iterdir())
+
+
+def test_what_a_killed_writer_left_goes_after_a_day(land):
+    gshhg.cache_folder().mkdir(parents=True)
+    name = f"gshhg-{gshhg.version()}.pieces"
+    for left, age in (("ab12cd", 90_000), ("ef34gh", 0)):  # the younger may be written just now
+        file = gshhg.cache_folder() / f"{name}{left}"
+        file.write_bytes(b"half of it")
+        os.utime(file, (file.stat().st_atime, file.stat().st_mtime - age))
+    gshhg.whole()
+    assert sorted(one.name for one in gshhg.cache_folder().iterdir()) == [name, f"{name}ef34gh"]
+
+
+def test_others_who_share_the_folder_can_read_the_file(land):
+    gshhg.whole()
+    (file,) = gshhg.cache_folder().iterdir()
+    assert stat.S_IMODE(file.stat().st_mode) == 0o644
 
 
 def test_the_installed_land_is_kept_to_the_bit():

@@ -60,7 +60,7 @@ def test_a_coast_takes_its_part_of_the_card(tmp_path: Path, on_card: Callable[[i
 def test_a_shard_fits_into_half_of_the_card(tmp_path: Path, on_card: Callable[[int], None]) -> None:
     """By hand: 4 GiB left are 2 for a shard, of which 1 is not for particles; 2^30 / 200 bytes are 5,368,709 particles."""
     case = case_of(tmp_path, 10**8)
-    assert divide.HELD == 200
+    assert run_setup.ON_CARD == 200
     assert divide.number(case, None, None) == 96  # on the processor of 200 GiB: 2^20 in each
     on_card(4 * GIB)
     assert divide.number(case, None, None) == 19  # 18.6
@@ -101,11 +101,30 @@ def test_a_forecast_in_brief_that_the_card_does_not_hold_is_refused(
     tmp_path: Path, on_card: Callable[[int], None]
 ) -> None:
     on_card(2 * GIB)
+    """By hand: 1 GiB and 10^7 particles of 200 bytes are 2.87 GiB, 5 * 10^6 are 1.93, with a coast, of 280, 2.30."""
     with pytest.raises(
-        UserError, match=r"in one piece take 2\.3 GiB, and 2\.0 GiB of the graphics card's memory are free"
+        UserError, match=r"at once take 2\.9 GiB of the graphics card, of which 2\.0 GiB are free; take f"
     ):
         run_setup._check_memory(case_of(tmp_path, 10**7))
-    run_setup._check_memory(case_of(tmp_path, 8 * 10**6))
+    fits = case_of(tmp_path, 5 * 10**6)
+    run_setup._check_memory(fits)
+    with pytest.raises(UserError, match=r"at once take 2\.4 GiB of the graphics card"):
+        run_setup._check_memory(replace(fits, coast=replace(fits.coast, source="gshhg")))
+
+
+def test_more_particles_than_an_array_counts_are_refused(tmp_path: Path, on_card: Callable[[int], None]) -> None:
+    """By hand: (2^31 - 2) / 10 are 214,748,364 near a coast on a card, and (2^31 - 2) / 6 are 357,913,941 elsewhere."""
+    many = case_of(tmp_path, 357_913_942)
+    with pytest.raises(UserError, match=r"^--shards 1: 357,913,942 particles at once; at most 357,913,941 can be"):
+        divide.number(many, None, 1)
+    assert divide.number(many, None, 2) == 2
+    assert divide.number(case_of(tmp_path, 357_913_941), None, 1) == 1
+    on_card(200 * GIB)
+    coastal = case_of(tmp_path, 214_748_365)
+    assert divide.number(coastal, None, 1) == 1
+    coastal = replace(coastal, coast=replace(coastal.coast, source="gshhg"))
+    with pytest.raises(UserError, match=r"at most 214,748,364 can be moved in one piece; give more shards$"):
+        divide.number(coastal, None, 1)
 
 
 def test_files_and_fingerprints_name_the_card_and_its_driver(
