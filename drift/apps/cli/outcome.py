@@ -58,7 +58,7 @@ def _guided(numbers: dict[str, Any]) -> Facts:
         return {}
     finds = ", ".join(f'"{name}"' for name in numbers["guide"]["finds"])
     share = 1 - numbers["guide"]["prior_share"]
-    return {"guided": f"{share:.0%} of the particles, toward contact {finds}; weights account for it"}
+    return {"guided": f"{notation.percent(share, 0)} of the particles, toward contact {finds}; weights account for it"}
 
 
 def _areas(output: dict[str, Any]) -> Facts:
@@ -317,7 +317,7 @@ def spill(numbers: dict[str, Any]) -> Facts:
     for patrol in washup["patrols"]:
         facts[f'patrol "{patrol["name"]}"'] = (
             f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km of shoreline, finds "
-            f"{patrol['detection']:.0%}"
+            f"{notation.percent(patrol['detection'], 0)}"
         )
     counted = f"{washup['effective_worlds']:,.0f} of {washup['worlds']:,} are effective"
     rounds = len(washup["effective_worlds_by_round"])

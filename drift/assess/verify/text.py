@@ -8,6 +8,7 @@ from drift.assess.verify import verification
 from drift.assess.verify.verification import Verification
 from drift.engine.motion import forcing_error
 from drift.tracking.tracks.clusters import Estimate
+from geo import notation
 from geo.notation import NMI
 
 Facts = dict[str, str]
@@ -22,7 +23,7 @@ def verdict(share: float, held: Estimate, lost: float = 0.0) -> str:
     it is, so areas of the rest cannot be judged where it is large.
     """
     if lost > MOST_LOST:
-        return f"not to be judged, as {lost:.0%} of the probability left the forcing; add a source beyond its edges"
+        return f"not to be judged, as {notation.percent(lost, 0)} of the probability left the forcing; add a source beyond its edges"
     if not math.isfinite(held.error):
         return "too few forecasts to judge"
     if held.mean < share - 2 * held.error:
@@ -95,7 +96,9 @@ def verification_facts(result: Verification) -> Facts:
         lines[f"rank {name} the drift"] = f"{mean.mean:.2f}{_more(mean.error, 2)} on average, 0.50 if unbiased{lean}"
     lost = float(result.lost.mean())
     if lost > 0.005:
-        lines["lost"] = f"{lost:.0%} of the probability left the forcing or the domain; areas are shares of the rest"
+        lines["lost"] = (
+            f"{notation.percent(lost, 0)} of the probability left the forcing or the domain; areas are shares of the rest"
+        )
     lines |= {f"note {k}": note for k, note in enumerate(result.notes, 1)}
     lines["in short"] = headline(result)
     return lines

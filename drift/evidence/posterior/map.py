@@ -205,7 +205,7 @@ def _lone(ax: Axes, own: Panel, row: int, bar: int, y: tuple[float, float]) -> N
     middle, right = float(own.edges[bar : bar + 2].mean()), bar < 0.8 * own.rows.shape[1]
     ax.plot(middle, y[0] + 0.1, "_", color="white", markersize=9, markeredgewidth=2.5, zorder=5)
     gap = 0.03 * (own.edges[-1] - own.edges[0]) * (1 if right else -1)
-    text = _percentage(float(own.rows[row, bar]))
+    text = notation.short_percent(float(own.rows[row, bar]))
     ax.text(middle + gap, y[1], text, ha="left" if right else "right", va="center", fontsize=7, color=INK, zorder=6)
 
 
@@ -283,11 +283,15 @@ def _figures(ax: Axes, posteriors: Posteriors, stages: list[Stage], told: Told) 
             ax.text(1.04, k + 0.42, said[0], transform=beside, fontsize=9, color=INK, va="center")
             ax.text(1.04, k + 0.66, f"{said[1]}-{said[2]}", transform=beside, fontsize=7, color=GREY, va="center")
         if partial:
-            ax.text(1.04, k + 0.87, f"in {_percentage(share)}", transform=beside, fontsize=7, color=GREY, va="center")
-
-
-def _percentage(share: float) -> str:
-    return notation.short_percent(share)
+            ax.text(
+                1.04,
+                k + 0.87,
+                f"in {notation.short_percent(share)}",
+                transform=beside,
+                fontsize=7,
+                color=GREY,
+                va="center",
+            )
 
 
 def _said(posteriors: Posteriors, told: Told, value: float) -> str:
