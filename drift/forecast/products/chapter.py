@@ -53,7 +53,7 @@ def _stories(matter: ForecastOutputs, path: Path) -> None:
 def _leaves(matter: ForecastOutputs) -> list[Any]:
     from drift.forecast.products import report
 
-    return report.forecast_leaves(matter.forecast, matter.tracks)
+    return report.forecast_leaves(matter.forecast, matter.tracks, matter.setting.opens)
 
 
 FILES: dict[str, Callable[[ForecastOutputs, Stamped], Contents]] = {

@@ -2,10 +2,12 @@
 
 from typing import Any
 
+import numpy as np
+
 from drift.engine.particles.status import Status
 from drift.forecast import coastal, mapped
 from drift.forecast.build import Forecast
-from drift.forecast.products import layers
+from drift.forecast.products import headline, layers
 from drift.forecast.tracks import Trajectories
 from drift.products.files import geojson
 from drift.products.report import leaves
@@ -14,8 +16,8 @@ from geo import notation, sphere
 from geo.notation import NMI
 
 
-def forecast_leaves(forecast: Forecast, tracks: Trajectories) -> list[Leaf]:
-    """Return the leaves of a forecast and of its subsample."""
+def forecast_leaves(forecast: Forecast, tracks: Trajectories, opens: np.datetime64 | None) -> list[Leaf]:
+    """Return the leaves of a forecast and of its subsample; opens: the time that the page shows first."""
     data = forecast.data
     stories = {"All scenarios": data["probability"].values}
     if data.sizes["scenario"] > 1:
@@ -25,6 +27,7 @@ def forecast_leaves(forecast: Forecast, tracks: Trajectories) -> list[Leaf]:
     tops = [layers.scale_top(data.isel(time=k)) / 100 / NMI**2 for k in range(data.sizes["time"])]
     lon = sphere.to_degrees(tracks.lon)
     return [
+        leaves.headline_leaf(headline.forecast_headline(data, opens)),
         leaves.maps(
             "Probability", data["time"].values, data["lon"].values, data["lat"].values, stories, data["cell_area"].values, tops,
             containment=data["containment"].values, shown=mapped.SHOWN,
@@ -42,7 +45,7 @@ def forecast_leaves(forecast: Forecast, tracks: Trajectories) -> list[Leaf]:
                       [status.name.lower() for status in sorted(Status)], tracks.scenario),
         leaves.track("Datum", "track.csv", "datum_lon", "datum_lat", "datum", shown=False),
         leaves.track("Mean position", "track.csv", "mean_lon", "mean_lat", "mean"),
-        leaves.table_leaf("By time", _columns(data), file="track.csv", by_time="time", note="Press a row to see its map."),
+        leaves.table_leaf("By time", _columns(data), file="track.csv", by_time="time", note="Press a row to see its map.", unfolded=True),
     ]  # fmt: skip
 
 

@@ -27,7 +27,7 @@ def patrol_leaves(plan: PatrolPlan) -> list[Leaf]:
             told=[("name", "Stretch", "words")],
             frame=True,
         ),
-        leaves.table_leaf("Patrols", COLUMNS, file="patrols.csv", by_time="time"),
+        leaves.table_leaf("Patrols", COLUMNS, file="patrols.csv", by_time="time", unfolded=True),
         *(
             [
                 leaves.table_leaf(

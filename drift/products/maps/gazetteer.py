@@ -5,6 +5,7 @@ town of all names it, and the name says "across water". Of a town beyond the lan
 """
 
 import csv
+import math
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -42,6 +43,8 @@ class Near:
     name: str
     away: float  # [m]
     across: bool = False  # it lies on another land mass
+    lon: float = math.nan  # [deg]
+    lat: float = math.nan
 
 
 @cache
@@ -95,7 +98,7 @@ def nearest(lon: Array, lat: Array, land: LandMasses | None = None) -> list[Near
         if not same[k] <= FARTHEST:
             k = int(np.argmin(distance))
         across = UNKNOWN not in (here, mass[k]) and here != mass[k] and not {int(here), int(mass[k])} <= reaching
-        found.append(Near(names[k], float(distance[k]), bool(across)))
+        found.append(Near(names[k], float(distance[k]), bool(across), float(lons[k]), float(lats[k])))
     return found
 
 

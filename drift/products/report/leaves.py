@@ -141,6 +141,11 @@ def arrows(title: str, time: Array, lon: Array, lat: Array, velocity: Array, loo
     }  # fmt: skip
 
 
+def headline_leaf(words: str) -> Leaf:
+    """Return sentences that stand on top of the page."""
+    return {"leaf": "headline", "words": words}
+
+
 def table_leaf(
     title: str,
     columns: Columns,
@@ -150,18 +155,20 @@ def table_leaf(
     where: Mapping[str, str | list[str]] | None = None,
     by_time: str = "",
     note: str = "",
+    unfolded: bool = False,
 ) -> Leaf:
     """Return a table of a CSV file, or of rows in the order of the columns.
 
     where: values that columns of the file have, a list of them for any of these. by_time: the column with the time of a row, of
-    which those of the map's time are marked.
+    which those of the map's time are marked. unfolded: whether it is seen at once.
     """
     return {
         "leaf": "table", "title": title, "columns": [list(column) for column in columns], "file": file,
         "rows": [list(row) for row in rows], "where": dict(where or {}), "by_time": by_time, "note": note,
+        "unfolded": unfolded,
     }  # fmt: skip
 
 
-def text_leaf(title: str, *, file: str = "", words: str = "") -> Leaf:
-    """Return a text, of a file of the run or as it is."""
-    return {"leaf": "text", "title": title, "file": file, "words": words}
+def text_leaf(title: str, *, file: str = "", words: str = "", unfolded: bool = False) -> Leaf:
+    """Return a text, of a file of the run or as it is; unfolded: whether it is seen at once."""
+    return {"leaf": "text", "title": title, "file": file, "words": words, "unfolded": unfolded}

@@ -32,6 +32,7 @@ from geo.box import Box
 SCRIPTS = ("ol.js", "unpack.js", "projection.js", "graticule.js", "looks.js", "tables.js", "layers.js", "page.js")
 STYLES = ("ol.css", "page.css")
 CARRIED = {".geojson", ".csv", ".txt", ".toml", ".gpx", ".kml", ".json"}  # files that the page has in itself
+PICTURE = 2_500_000  # [bytes] of a picture that the page shows; a larger one is a link
 LARGEST = 4_000_000  # [characters] of a file as it is carried; a larger one is a link
 MERCATOR_UP_TO = 75.0  # [deg] latitude, as the charts of drift.products.maps.chart
 FINE = 1 / 6000  # of the map's size: detail of the shoreline
@@ -58,6 +59,7 @@ def write(path: Path, leaves: Sequence[Leaf], on: Setting, warnings: Sequence[st
         "land": packed.packed_text(json.dumps(_land(on, box), separators=(",", ":")).encode()),
         "leaves": list(leaves),
         "files": carried,
+        "pictures": _pictures(folder),
         "beside": beside,
     }
     data = json.dumps(formats.plain(about), allow_nan=False, separators=(",", ":"))
@@ -155,10 +157,12 @@ def _steps(ring: Array) -> list[int]:
 
 
 def _files(folder: Path, needed: set[str]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return the files that the page carries, and those beside it; all that its leaves need are carried."""
+    """Return the files that the page carries, and those beside it, but for pictures; all that its leaves need are carried."""
     carried, beside = {}, []
     for path in sorted(folder.iterdir()):
         size = path.stat().st_size
+        if path.suffix == ".png" and size <= PICTURE:
+            continue
         if path.suffix in CARRIED and path.name != "manifest.json":
             packed_text = packed.packed_text(path.read_bytes())
             if path.name in needed or len(packed_text) <= LARGEST:
@@ -166,6 +170,12 @@ def _files(folder: Path, needed: set[str]) -> tuple[dict[str, Any], list[dict[st
                 continue
         beside.append({"name": path.name, "bytes": size})
     return carried, beside
+
+
+def _pictures(folder: Path) -> dict[str, str]:
+    """Return the pictures beside the page, by name: as base64, for the page shows them without the files."""
+    shown = (path for path in sorted(folder.glob("*.png")) if path.stat().st_size <= PICTURE)
+    return {path.name: base64.b64encode(path.read_bytes()).decode() for path in shown}
 
 
 @cache

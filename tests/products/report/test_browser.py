@@ -132,7 +132,7 @@ def test_it_opens_without_a_request_or_a_complaint(browser: Any, results: Path) 
         assert opened.asked == [(results / flow.REPORT).as_uri()]
         assert opened.complaints == []
         assert opened.page.locator("h1").inner_text() == f"Taveuni {NASTY}"
-        assert opened.page.locator("img").count() == 0
+        assert opened.page.locator("img:not([src^='data:image/png;'])").count() == 0
         assert opened.page.locator("#story option").all_inner_texts() == ["All scenarios", f"raft {NASTY}", "swimmer"]
 
 
@@ -358,3 +358,28 @@ def test_every_kind_of_run(browser: Any, tmp_path: Path, kind: str) -> None:
         assert opened.page.locator("details").count() >= 2
         assert opened.complaints == []
         assert len(opened.asked) == 1
+
+
+def test_one_file_shows_headline_and_pictures_and_what_a_planner_reads_first(
+    browser: Any, results: Path, tmp_path: Path
+) -> None:
+    """The page alone, as it comes by mail."""
+    alone = tmp_path / "mailed"
+    alone.mkdir()
+    (alone / flow.REPORT).write_bytes((results / flow.REPORT).read_bytes())
+    names = sorted(path.name for path in results.glob("*.png"))
+    with Opened(browser, alone) as opened:
+        words = opened.page.locator("#headline").inner_text()
+        assert re.match(r"At 16\d{4}ZNOV15 it is most likely near 17-\d\d\.\dS 17\d-", words)
+        assert "with a probability of" in words
+        images = opened.page.locator("#pictures img")
+        assert images.count() == len(names) > 3
+        for k, name in enumerate(names):
+            images.nth(k).scroll_into_view_if_needed()
+            opened.page.wait_for_function(
+                "k => document.querySelectorAll('#pictures img')[k].naturalWidth > 300", arg=k
+            )
+            assert images.nth(k).get_attribute("alt") == name
+        unfolded = opened.page.locator("details[open] > summary").all_inner_texts()
+        assert unfolded == ["By time", "Sorties, contacts and sensors"]
+        assert not opened.complaints

@@ -51,8 +51,20 @@ def search_leaves(
         told = [("probability", "Crossed, in the end", "share")]
         shown.append(leaves.shapes("Lines asked about", FILE, "line", where={"kind": "line"}, label="name", told=told))
     if updates.all:
+        shown += _found_so_far(updates)
         shown += [_updates(any(sortie.planned for sortie in updates.sorties)), _scenarios(updates)]
     return shown
+
+
+def _found_so_far(updates: Updates) -> list[Leaf]:
+    """Return a sentence on what the searches would have found by now; none where nothing was searched."""
+    done = [update.cumulative[-1] for update in updates.all if update.cumulative is not None]
+    if not done:
+        return []
+    planned = any(sortie.planned for sortie in updates.sorties)
+    who = "The searches so far and those planned" if planned else "The searches so far"
+    words = f"{who} would have found it with a probability of {notation.percent(float(done[-1]))} (cumulative POS)."
+    return [leaves.headline_leaf(words)]
 
 
 def _updates(planned: bool) -> Leaf:
@@ -71,6 +83,7 @@ def _updates(planned: bool) -> Leaf:
         where={"scenario": "all"},
         by_time="time",
         note=note,
+        unfolded=True,
     )
 
 

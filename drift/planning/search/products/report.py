@@ -29,7 +29,11 @@ def plan_leaves(plan: Plan) -> list[Leaf]:
             "Commence search points", file, "planned_point", where={"shape": "csp"}, told=[("area", "Area", "words")]
         ),
         leaves.table_leaf(
-            "Units of the plan", [("area", "Area", "words"), *told], rows=rows, note=plan_text.stranded(plan)
+            "Units of the plan",
+            [("area", "Area", "words"), *told],
+            rows=rows,
+            note=plan_text.stranded(plan),
+            unfolded=True,
         ),
-        leaves.text_leaf("Search action plan", file="plan.txt"),
+        leaves.text_leaf("Search action plan", file="plan.txt", unfolded=True),
     ]

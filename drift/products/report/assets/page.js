@@ -19,6 +19,7 @@
     get("caution").textContent = data.caution;
     get("caution").hidden = false;
   }
+  for (const leaf of data.leaves.filter(one => one.leaf === "headline")) get("headline").append(element("p", leaf.words));
   for (const warning of data.warnings) get("warnings").append(element("li", warning));
   const { attributes } = data;
   get("footer").textContent = `${data.source}. Run ${attributes.run_id}, ${attributes.date_created}. Versions: ${attributes.versions}. Map: OpenLayers ${ol.util.VERSION} (BSD 2-Clause).`;
@@ -230,14 +231,22 @@
   if (times.length < 2) document.querySelector(".time").hidden = true;
 
   // Tables and texts.
-  data.leaves.filter(leaf => leaf.leaf === "table" || leaf.leaf === "text").forEach((leaf, k) => {
+  data.leaves.filter(leaf => leaf.leaf === "table" || leaf.leaf === "text").forEach(leaf => {
     const made = element("details");
-    made.open = k === 0;
+    made.open = leaf.unfolded;
     made.append(element("summary", leaf.title));
     if (leaf.leaf === "text") made.append(element("pre", leaf.words || files.text(leaf.file), { tabindex: "0" }));
     else made.append(tabled(leaf, leaf.file ? files.table(leaf.file) : null, when => times.includes(when) && show(times.indexOf(when))).node);
     get("tables").append(made);
   });
+
+  // Pictures.
+  for (const [name, source] of Object.entries(data.pictures)) {
+    const made = element("figure");
+    made.append(element("figcaption", name), element("img", "", { src: `data:image/png;base64,${source}`, alt: name, loading: "lazy" }));
+    get("pictures").append(made);
+    get("pictures").hidden = false;
+  }
 
   // Files.
   const size = bytes => bytes > 1e6 ? `${(bytes / 1e6).toFixed(1)} MB` : `${Math.max(1, Math.round(bytes / 1e3))} kB`;

@@ -47,6 +47,7 @@ def spill_leaves(finds: Sequence[Mark], silence: str | None) -> list[Leaf]:
             file="washup.csv",
             note="Worst first, by the average number; a long stretch gets much for its length alone: beside it stands the rank by the number per km."
             + (" All numbers are of objects not yet found." if finds else ""),
+            unfolded=True,
         ),
         leaves.table_leaf(
             "Account of all objects",

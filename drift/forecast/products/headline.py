@@ -1,0 +1,50 @@
+"""A forecast in a few words: where the object most likely is, how sure that is, and what is ashore."""
+
+import numpy as np
+import xarray as xr
+
+from drift.forecast import mapped
+from drift.products.maps import gazetteer, labels
+from geo import notation
+from geo.notation import NMI, percent
+
+FAR = 500_000.0  # [m] beyond which no town is named
+MENTIONED = 0.005  # probability from which it is worth a sentence
+
+
+def forecast_headline(data: xr.Dataset, opens: np.datetime64 | None) -> str:
+    """Return the sentences that stand on top of the report.
+
+    Args:
+        data: of a drift.forecast.build.Forecast.
+        opens: the time that the map shows first; None: the last.
+    """
+    at = data.isel(time=mapped.opening(data, opens))
+    when = notation.group(at["time"].values)
+    if not at["probability"].values.sum() > 0:
+        return f"At {when} nothing is on the map."
+    afloat = at["status_probability"].sel(status="adrift").item()
+    ashore = at["status_probability"].sel(status="ashore").item()
+    words = [f"At {when} it is most likely {_place(at, ashore > afloat)}."]
+    share = 0.5 if 0.5 in at["share"].values else float(at["share"].values[0])
+    held = percent(share, 0)
+    area = float(at["containment_area"].sel(share=share)) / NMI**2
+    if np.isfinite(area):
+        words.append(f"An area of {labels.number(area)} nmi² holds {held} of the probability.")
+    if ashore > MENTIONED:
+        words.append(f"{percent(ashore)} is ashore.")
+    return " ".join(words)
+
+
+def _place(at: xr.Dataset, ashore: bool) -> str:
+    """Return where the densest cell lies, of what is ashore or of all: position, and where it lies from a town."""
+    density = at["probability_ashore" if ashore else "probability"].values / at["cell_area"].values
+    row, column = np.unravel_index(int(density.argmax()), density.shape)
+    lon, lat = float(at["lon"].values[column]), float(at["lat"].values[row])
+    named = f"{'ashore ' * ashore}near {notation.position(lon, lat)}"
+    (near,) = gazetteer.nearest(np.array([lon]), np.array([lat]))
+    if near.away > FAR:
+        return named
+    if near.away < gazetteer.BESIDE:
+        return f"{named} ({gazetteer.place_in_words(near)})"
+    return f"{named}, {notation.toward(near.lon, near.lat, lon, lat).replace(' to the ', ' ')} of {near.name}"
