@@ -107,12 +107,11 @@ def pictures_laid_out(request: pytest.FixtureRequest) -> Iterator[Callable[..., 
     """Lay out the pictures of runs, and paint none, in modules of LAID_OUT that name no picture, and so look at none.
 
     All of our code runs. To paint, which Matplotlib does, is half of the time of a small run that writes files. A module
-    that names a picture paints all, or, where some of its tests ask for `painted`, those of these tests.
+    that names pictures and looks at none says PAINTS = False; a test of it that looks at some asks for `painted`.
     """
     folder = request.path.parent.relative_to(TESTS)
-    source = request.path.read_text(encoding="utf-8")
-    looks = ".png" in source and "painted" not in source
-    if looks or not any(folder.is_relative_to(one) for one in LAID_OUT):
+    paints = getattr(request.module, "PAINTS", ".png" in request.path.read_text(encoding="utf-8"))
+    if paints or not any(folder.is_relative_to(one) for one in LAID_OUT):
         yield None
         return
     from drift.products.maps import page  # not for tests that draw nothing: Matplotlib takes long to import
