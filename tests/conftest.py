@@ -34,7 +34,7 @@ SMALL_MAPS = (
 )
 
 
-LAID_OUT = {"apps/check", *SMALL_MAPS} - {"assess/experiment", "pipeline/shards"}  # the latter compares pictures
+LAID_OUT = {"apps/check", "apps/export", "case", *SMALL_MAPS} - {"assess/experiment"}
 
 
 def pytest_configure() -> None:
@@ -104,13 +104,15 @@ def _lay_out(canvas: Any, path: Path, title: str, attributes: Mapping[str, str] 
 
 @pytest.fixture(scope="module", autouse=True)
 def pictures_laid_out(request: pytest.FixtureRequest) -> Iterator[Callable[..., None] | None]:
-    """Lay out the pictures of runs, and paint none, in modules of LAID_OUT that name no picture, and so look at none.
+    """Lay out the pictures of runs, and paint none, in modules of LAID_OUT that look at none.
 
     All of our code runs. To paint, which Matplotlib does, is half of the time of a small run that writes files. A module
-    that names pictures and looks at none says PAINTS = False; a test of it that looks at some asks for `painted`.
+    looks at pictures where it names some, or compares all files of runs. One that only names them says PAINTS = False; a
+    test of it that looks at some asks for `painted`.
     """
     folder = request.path.parent.relative_to(TESTS)
-    paints = getattr(request.module, "PAINTS", ".png" in request.path.read_text(encoding="utf-8"))
+    source = request.path.read_text(encoding="utf-8")
+    paints = getattr(request.module, "PAINTS", ".png" in source or "same_files" in source)
     if paints or not any(folder.is_relative_to(one) for one in LAID_OUT):
         yield None
         return
