@@ -3,13 +3,15 @@
 import gc
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import hypothesis
 import pytest
 from one_thread import Process
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 from places import DATA
 
 from drift.forecast import build
@@ -30,6 +32,9 @@ SMALL_MAPS = (
     "spills/backtrack",
     "spills/worlds",
 )
+
+
+LAID_OUT = {"apps/check", "apps/export", "case", *SMALL_MAPS} - {"assess/experiment"}
 
 
 def pytest_configure() -> None:
@@ -87,6 +92,45 @@ def small_maps(request: pytest.FixtureRequest) -> None:
     folder = request.path.parent.relative_to(TESTS)
     if any(folder.is_relative_to(one) for one in SMALL_MAPS):
         request.getfixturevalue("coarse_maps")
+
+
+def _lay_out(canvas: Any, path: Path, title: str, attributes: Mapping[str, str] | None, dpi: int) -> None:
+    """Write one white point with the texts of a picture, as `page.save` would write the picture."""
+    texts = PngInfo()
+    for name, text in {"Title": title, "Software": "casp-drift", **(attributes or {})}.items():
+        texts.add_text(name, text)
+    Image.new("L", (1, 1), 255).save(path, "png", pnginfo=texts)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def pictures_laid_out(request: pytest.FixtureRequest) -> Iterator[Callable[..., None] | None]:
+    """Lay out the pictures of runs, and paint none, in modules of LAID_OUT that look at none.
+
+    All of our code runs. To paint, which Matplotlib does, is half of the time of a small run that writes files. A module
+    looks at pictures where it names some, or compares all files of runs. One that only names them says PAINTS = False; a
+    test of it that looks at some asks for `painted`.
+    """
+    folder = request.path.parent.relative_to(TESTS)
+    source = request.path.read_text(encoding="utf-8")
+    paints = getattr(request.module, "PAINTS", ".png" in source or "same_files" in source)
+    if paints or not any(folder.is_relative_to(one) for one in LAID_OUT):
+        yield None
+        return
+    from drift.products.maps import page  # not for tests that draw nothing: Matplotlib takes long to import
+
+    with pytest.MonkeyPatch.context() as patch:
+        paint = page.save
+        patch.setattr(page, "save", _lay_out)
+        yield paint
+
+
+@pytest.fixture
+def painted(pictures_laid_out: Callable[..., None] | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Paint the pictures of one test."""
+    from drift.products.maps import page
+
+    if pictures_laid_out is not None:
+        monkeypatch.setattr(page, "save", pictures_laid_out)
 
 
 @pytest.fixture(scope="module")

@@ -29,7 +29,7 @@ from drift.engine.particles.status import Status
 from drift.pipeline import flow
 
 CASES = ROOT / "cases"
-OURS, THEIRS = 20_000, 2_500  # particles, in all; a scenario
+OURS, THEIRS = 10_000, 2_500  # particles, in all; a scenario
 HALF = np.sqrt(2 * np.log(2))  # radius that holds half of a round normal, in standard deviations
 COMPARED = 170  # numbers that this file compares; three standard errors on each would be exceeded by chance once in three files
 SIGMAS = stats.norm.isf(

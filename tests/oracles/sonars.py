@@ -137,11 +137,10 @@ class Sonar:
         """Return the signal excess [dB] of a source of 0 dB at places (n,) heard at its own one; -inf beyond its table."""
         bearing, far = toward(own, lon, lat)
         table = self.losses(*own)
-        ray = np.stack([np.interp(bearing, self.radials, column, period=360.0) for column in table.T], axis=-1)
         ring = np.clip(np.searchsorted(self.ranges, far, side="right") - 1, 0, len(self.ranges) - 2)
         share = np.clip((far - self.ranges[ring]) / np.diff(self.ranges)[ring], 0, 1)
-        every = np.arange(len(far))
-        loss = (1 - share) * ray[every, ring] + share * ray[every, ring + 1]
+        near, far_end = (_around(self.radials, table, bearing, at) for at in (ring, ring + 1))
+        loss = (1 - share) * near + share * far_end
         level = [np.interp(hour, self.hours, column) for column in self.noise.T]
         noise = np.interp(bearing, self.around, level, period=360.0)
         gain = np.interp(bearing - heading, self.sides, self.gain, period=360.0)
@@ -150,6 +149,18 @@ class Sonar:
     def chance(self, excess: Array) -> Array:
         """Return the probability of being heard at once."""
         return special.ndtr(excess / self.fluctuation)
+
+
+def _around(radials: Array, table: Array, bearing: Array, ring: Array) -> Array:
+    """Return values (n,) of a table (radials, rings) at bearings [deg], straight between radials, each at its ring."""
+    order = np.argsort(radials % 360)
+    rays = (radials % 360)[order]
+    rays = np.concatenate([rays[-1:] - 360, rays, rays[:1] + 360])
+    rows = np.concatenate([order[-1:], order, order[:1]])
+    turned = bearing % 360
+    k = np.searchsorted(rays, turned, side="right") - 1
+    share = (turned - rays[k]) / (rays[k + 1] - rays[k])
+    return np.asarray((1 - share) * table[rows[k], ring] + share * table[rows[k + 1], ring])
 
 
 def _level(own: Any) -> str:
@@ -202,23 +213,22 @@ def missed(p: Array, hours: Array, rate: float) -> Array:
     G(t) = e^(-lt) (1 - max p[0, t]) + int l e^(-l(t-s)) G(s) (1 - max p[s, t]) ds, what stands beside the exponential taken
     to be straight between the times.
     """
-    n, m = p.shape
+    p = np.ascontiguousarray(p.T)  # (m, n): what stands before a time lies together
     x = np.maximum(rate * np.diff(hours), 1e-12)
     late = 1 + np.expm1(-x) / x  # of the end of each panel, as seen from there; the rest is of its begin
     early = -np.expm1(-x) - late
-    found, highest = np.empty((n, m)), np.empty((n, m))
-    for k in range(m):
-        highest[:, k] = 0
-        highest[:, : k + 1] = np.maximum(highest[:, : k + 1], p[:, k, None])
+    found, highest = np.empty(p.shape), np.zeros(p.shape)
+    for k in range(len(p)):
+        np.maximum(highest[: k + 1], p[k], out=highest[: k + 1])
         decay = np.exp(-rate * (hours[k] - hours[: k + 1]))
-        first = decay[0] * (1 - highest[:, 0])
+        first = decay[0] * (1 - highest[0])
         if k == 0:
-            found[:, 0] = first
+            found[0] = first
             continue
         weight = np.append(decay[1:] * early[:k], 0) + np.append(0, decay[1:] * late[:k])
-        known = (weight[:-1] * found[:, :k] * (1 - highest[:, :k])).sum(axis=1)
-        found[:, k] = (first + known) / (1 - weight[-1] * (1 - p[:, k]))
-    return found
+        known = weight[:-1] @ found[:k] - np.einsum("k,kn,kn->n", weight[:-1], found[:k], highest[:k])
+        found[k] = (first + known) / (1 - weight[-1] * (1 - p[k]))
+    return found.T
 
 
 def heard(

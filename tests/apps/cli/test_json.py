@@ -13,6 +13,7 @@ import drift
 from drift.apps.cli import commands as cli
 from drift.products.files import formats
 
+PAINTS = False
 UNIT = """
 [[unit]]
 name = "aircraft"

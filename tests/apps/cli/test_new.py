@@ -10,6 +10,7 @@ from drift.apps.cli import commands as cli
 from drift.case import template
 from drift.case.tracking import tracking
 
+PAINTS = False
 SMALL = {"spill": ["--set", "spill.worlds=100", "--set", "duration=1 d"]}
 
 

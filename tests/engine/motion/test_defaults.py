@@ -22,6 +22,7 @@ from drift.products.maps import page
 from geo import sphere
 from geo.errors import UserError
 
+PAINTS = False
 HEAD = """
 start = "2024-03-05T00:00Z"
 duration = "3 h"

@@ -1,5 +1,6 @@
 """Members of an ensemble of winds and currents: dealing, positions and posteriors against closed forms."""
 
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -121,13 +122,24 @@ def moved(case: drift.Case) -> tuple[Array, Array, Array]:
     return np.stack([east, north]), lat * sphere.UNIT, member
 
 
-@pytest.mark.parametrize("make", [lambda folder: typed(), along, by_file], ids=["typed", "dimension", "files"])
-def test_each_particle_is_displaced_by_its_own_member(tmp_path: Path, make: Any) -> None:
+WAYS: dict[str, Callable[[Path], str]] = {"typed": lambda folder: typed(), "dimension": along, "files": by_file}
+Moved = tuple[Array, Array, Array]
+
+
+@pytest.fixture(scope="module")
+def each_way(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Moved]:
+    """What `moved` returns, by the way in which members are given."""
+    folder = tmp_path_factory.mktemp("members")
+    return {name: moved(load(folder, make(folder))) for name, make in WAYS.items()}
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_each_particle_is_displaced_by_its_own_member(each_way: dict[str, Moved], name: str) -> None:
     """In closed form: dlat = v T / R, and dlon = u / v (g(lat + dlat) - g(lat)) with g the inverse Gudermannian.
 
     A step rounds twice to 9.3 mm: of s steps no end is off by more than s of them.
     """
-    way, lat, member = moved(load(tmp_path, make(tmp_path)))
+    way, lat, member = each_way[name]
     assert np.bincount(member).tolist() == [40] * MEMBERS
     u, v = FLOW.astype(np.float32).astype(float)[member].T
     rise = v * T / sphere.RADIUS
@@ -140,9 +152,10 @@ def test_each_particle_is_displaced_by_its_own_member(tmp_path: Path, make: Any)
     assert np.abs(way[0] - dlon * sphere.RADIUS).max() < rounding
 
 
-def test_three_ways_to_give_members_give_the_same_bits(tmp_path: Path) -> None:
-    ways = [moved(load(tmp_path, make))[0] for make in (typed(), along(tmp_path), by_file(tmp_path))]
-    assert all(np.array_equal(way, ways[0]) for way in ways[1:])
+def test_three_ways_to_give_members_give_the_same_bits(each_way: dict[str, Moved]) -> None:
+    first, *others = (way for way, _, _ in each_way.values())
+    assert len(others) == 2
+    assert all(np.array_equal(way, first) for way in others)
 
 
 LOOK = """
@@ -172,7 +185,10 @@ def exact(case: drift.Case, flow: Array) -> Array:
     return np.asarray(1 - seen)
 
 
-@pytest.mark.parametrize("make", [lambda folder: typed(), along, by_file], ids=["typed", "dimension", "files"])
+@pytest.mark.parametrize(
+    "make",  # they give the same bits, as above
+    [pytest.param(make, id=name, marks=[pytest.mark.thorough] * (name != "dimension")) for name, make in WAYS.items()],
+)
 def test_the_posterior_of_the_members_is_that_of_the_mixture(tmp_path: Path, make: Any) -> None:
     """Within 3 standard errors: a member's weight is a mean of n likelihoods in [0, 1], of variance at most q (1 - q)."""
     particles = 51 * 400

@@ -24,6 +24,7 @@ from drift.products.maps import page
 from drift.products.maps.imprint import Imprint
 from geo.errors import UserError
 
+PAINTS = False  # but for one test
 HOUR = 3600.0
 CASE = """
 title = "Two stories"
@@ -288,11 +289,19 @@ def test_effort_over_two_stories_is_that_of_another_optimiser() -> None:
     assert left(further.spread(mass, swept, cells)) <= best.fun + 1e-9
 
 
-def test_a_day_like_the_last_one(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[drift.Result, decision.Suspension, Path]:
+    """A run of few particles, the decision by it, and the folder of its files."""
+    folder = tmp_path_factory.mktemp("small")
+    result = run(folder, particles=1000, out=True)
+    told = flow.suspension(result)
+    assert told is not None
+    return result, told, folder / "out"
+
+
+def test_a_day_like_the_last_one(small: tuple[drift.Result, decision.Suspension, Path]) -> None:
     """What is swept is W v t; a uniform area holds what random search of it finds, the searched third less."""
-    result = run(tmp_path, particles=5000, out=True)
-    suspension = flow.suspension(result)
-    assert suspension is not None
+    result, suspension, out = small
     sorties = result.updates.sorties
     assert further.area(sorties[0]) / 1852**2 == pytest.approx(20 * np.cos(np.radians(45.2)) * 36, rel=2e-3)
     swept = further.effort(sorties[0])
@@ -303,31 +312,33 @@ def test_a_day_like_the_last_one(tmp_path: Path) -> None:
     low = float(suspension.share @ -np.expm1(-swept / whole))
     assert low - 3 * one.pos_error < one.pos < float(suspension.share @ (swept / whole * 1.5 / (1 - 0.8 / 3)))
     assert one.alive < one.pos
-    text = (tmp_path / "out" / "suspend.txt").read_text()
+    text = (out / "suspend.txt").read_text()
     assert max(map(len, text.splitlines())) <= suspend_text.WIDE
     assert text.isascii()
     for word in ("western third", "Hayward, Eckerson and Collis 1975", "neither a plan nor a bound"):
         assert word in " ".join(text.split())
-    assert (tmp_path / "out" / "suspend.png").stat().st_size > 10_000
+    assert (out / "suspend.png").exists()
 
 
-@pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> decision.Suspension:
-    """The decision by few particles."""
-    told = flow.suspension(run(tmp_path_factory.mktemp("small"), particles=1000))
-    assert told is not None
-    return told
+@pytest.mark.usefixtures("painted")
+def test_the_picture_is_painted(small: tuple[drift.Result, decision.Suspension, Path], tmp_path: Path) -> None:
+    suspend_map.plot_suspension(small[1], tmp_path / "suspend.png", imprint=Imprint("Title"))
+    assert (tmp_path / "suspend.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize("mortal", [True, False])
 def test_days_on_a_held_map_bear_no_error_and_no_panel_is_empty(
-    small: decision.Suspension, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mortal: bool
+    small: tuple[drift.Result, decision.Suspension, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    mortal: bool,
 ) -> None:
     """What holding the map does to later days is not in the particles: +- would promise it. A plan's sorties meet particles that drift on."""
     drawn: list[Any] = []
     monkeypatch.setattr(page, "save", lambda canvas, *args, **more: drawn.append(canvas.figure))
-    assert len(small.further) > 1
-    suspension = small if mortal else replace(small, bases=(None, None))
+    _, told, _ = small
+    assert len(told.further) > 1
+    suspension = told if mortal else replace(told, bases=(None, None))
     for planned in (False, True):
         some = replace(suspension, planned=planned)
         *_, words = suspend_text.suspension_text(some, "Title", "run").split("4  SEARCHING ON")

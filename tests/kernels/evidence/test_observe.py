@@ -82,17 +82,25 @@ def turned(path):
     return np.stack([path[..., 0] * c - path[..., 1] * s, path[..., 0] * s + path[..., 1] * c], axis=-1)
 
 
-def crossed(path, corners):
-    """Return which paths (n, m, 2), straight from place to place, cross a line of straight parts, (n,)."""
-    a, b = path[:, :-1], path[:, 1:]
-    found = np.zeros(len(path), bool)
+def side(u, v, w):
+    """Return on which side of the line from u to v a place w lies: its sign."""
+    return (v[..., 0] - u[..., 0]) * (w[..., 1] - u[..., 1]) - (v[..., 1] - u[..., 1]) * (w[..., 0] - u[..., 0])
+
+
+def crossings(path, corners):
+    """Return which steps of paths (n, m + 1, 2), straight from place to place, cross a line of straight parts, (n, m)."""
+    found = np.zeros((path.shape[0], path.shape[1] - 1), bool)
     for p, q in itertools.pairwise(corners):
-
-        def side(u, v, w):
-            return (v[..., 0] - u[..., 0]) * (w[..., 1] - u[..., 1]) - (v[..., 1] - u[..., 1]) * (w[..., 0] - u[..., 0])
-
-        found |= ((side(p, q, a) > 0) != (side(p, q, b) > 0)).__and__((side(a, b, p) > 0) != (side(a, b, q) > 0)).any(1)
+        left = side(p, q, path) > 0
+        which = np.nonzero(left[:, 1:] != left[:, :-1])  # they cross the whole line through both corners
+        a, b = path[:, :-1][which], path[:, 1:][which]
+        found[which] |= (side(a, b, p) > 0) != (side(a, b, q) > 0)
     return found
+
+
+def crossed(path, corners):
+    """Return which paths (n, m + 1, 2) cross a line of straight parts, (n,)."""
+    return crossings(path, corners).any(axis=1)
 
 
 def walks(n, steps, spread, seed, k=K):
@@ -248,8 +256,7 @@ def test_a_report_finds_the_first_touch_in_time() -> None:
         assert abs(apart.mean()) < 3 * apart.std() / math.sqrt(len(apart)) + 0.003 * drawn.mean()
     # the times themselves, from paths in steps of 7 s
     fine = walks(3_000, 3072, spread, seed=78)
-    a = np.stack([fine[:, :-1], fine[:, 1:]], axis=2).reshape(-1, 2, 2)
-    at = crossed(a, BENT).reshape(len(fine), -1)
+    at = crossings(fine, BENT)
     first = np.where(at.any(axis=1), (at.argmax(axis=1) + 0.5) * HOURS * 3600 / 3072, -1.0)
     own = told(observe.LINE, fine[:, ::768], HOURS, where, corners, besides=observe.WHEN)[:, 2].astype(float)
     for low, high in ((0, 3600), (3600, 7200), (7200, 21600)):

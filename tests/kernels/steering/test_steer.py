@@ -354,7 +354,7 @@ def test_loitering_keeps_the_uniform_law() -> None:
 
     corners = [(-12.0, 60.0), (-7.0, 60.4), (-7.5, 62.0), (-9.5, 61.0), (-11.8, 62.3)]
     ring = InRing(*(tuple(np.radians(x)) for x in np.array(corners).T))
-    n = 30_000
+    n = 12_000
     law = Loiter(ring, Spread(3.0, 8.0, 4.0, 2.0), 25e3)
     rng = np.random.default_rng(8)
     x, y = (np.degrees(a[:n]) for a in _in_polygon(rng, np.radians(corners), 5 * n))

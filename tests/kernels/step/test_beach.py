@@ -166,7 +166,7 @@ def test_sliding_follows_the_shore_at_the_drift_along_it(step: int) -> None:
     assert not shoreline.is_land(shore, end.lon, end.lat).any()
 
 
-@pytest.mark.parametrize("step", [900, 1800, 3600])
+@pytest.mark.parametrize("step", [pytest.param(900, marks=pytest.mark.thorough), 1800, 3600])
 def test_sliding_with_diffusion_is_reflected_brownian_motion(step: int) -> None:
     """The law of the distance from a wall, from which it starts, with a drift u onto it (Harrison 1985, Brownian Motion
     and Stochastic Flow Systems, eq. 1.8.11)."""

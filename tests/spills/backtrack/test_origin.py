@@ -220,7 +220,7 @@ def forward(case: Case, source: Source, worlds: int, count: int) -> tuple[np.nda
     return mean, np.sqrt((weight**2 * (unknown - mean[:, None]) ** 2).sum(1))
 
 
-RUN = {"worlds": 500, "per_find": 60, "cells": 64, "times": 12}
+RUN = {"worlds": 500, "per_find": 60, "cells": 40, "times": 12}
 
 
 def origin(case: Case, where: Environment, cut: Segments | None, stretch: list[int], **fine: int) -> backward.Origin:
@@ -243,7 +243,7 @@ def test_backward_and_forward_agree_with_the_closed_form_where_the_flow_converge
         "Surroundings",
         lambda *a, place=kernel.Surroundings, **k: place(*a, **{**k, "divergence": False}),
     )
-    plain, plain_error, _ = figures(origin(case, where, None, [-1, -1], **RUN))
+    plain, plain_error, _ = figures(origin(case, where, None, [-1, -1], **RUN | {"worlds": 200, "cells": 24}))
     print("exact", truth.mean, truth.std)
     print("backward", mean, error, std, found.effective)
     print("forward", ahead, ahead_error)
@@ -325,7 +325,7 @@ def test_finds_ashore_tell_the_release_by_the_law_of_arrivals(tmp_path, count: i
     case = case_of(tmp_path, text + (count - 1) * text[text.index("[[find]]") :])
     found = origin(
         case, environment(sources.constant("current", SPEED, 0.0), coast), cut, count * [on],
-        worlds=200, per_find=400, cells=40, times=18,
+        worlds=200, per_find=400, cells=24, times=12,
     )  # fmt: skip
     edge = shoreline.edges(coast)[cut.of_edge == on]
     south, north = np.sort(edge[:, [1, 3]].ravel())[[0, -1]] * (360 / sphere.TURN) * DEGREE

@@ -67,7 +67,7 @@ def test_finds_draw_the_forecast_to_where_they_were_and_the_odd_one_is_called_od
         for name, lat, hours in (("one", 0.09, 40), ("two", 0.10, 44), ("three", 0.09, 50), ("odd", -0.30, 55))
     )
     rate = '[spill.reporting]\nrate = { wild = "0.5 /day" }'
-    result = drift.run(case_of(tmp_path, f"{rate}\n{finds}"))
+    result = drift.run(case_of(tmp_path, f"{rate}\n{finds}", worlds=600))
     told = {surprise.find.name: surprise for surprise in result.aftermath.surprises}
     assert told["odd"].tail < 0.02 < told["two"].tail
     numbers = renewal.summary_of_spill(result.aftermath)["spill"]
@@ -81,7 +81,7 @@ def test_finds_draw_the_forecast_to_where_they_were_and_the_odd_one_is_called_od
     left = total["afloat"] + total["ashore"] + total["sunk"] + total["pending"] + total["gone"]
     for fate, status in (("afloat", "adrift"), ("ashore", "ashore"), ("sunk", "sunk")):
         assert abs(account[status] - total[fate] / left) < 3 * error[fate] / left
-    without = drift.run(case_of(tmp_path, f"{rate}\n" + finds.split('[[find]]\nname = "odd"')[0]))
+    without = drift.run(case_of(tmp_path, f"{rate}\n" + finds.split('[[find]]\nname = "odd"')[0], worlds=600))
     before, after = (one.aftermath.worlds.current_north @ one.aftermath.posterior.weight for one in (straight, without))
     assert after > before + 0.005
 

@@ -13,6 +13,7 @@ import drift
 from drift.apps.cli import outcome
 from drift.spills.worlds import renewal, verdict
 
+PAINTS = False
 FINDS = """
 [spill.reporting]
 rate = { wild = "0.5 /day" }

@@ -23,9 +23,9 @@ LON, LAT = np.radians([-76.3, 34.2])
 
 def crosses(closed: Array, a: tuple[int, int], b: tuple[int, int]) -> bool:
     """Return whether the line between the middles of two cells touches a closed cell."""
-    cells = [shapely.box(i - 0.5, j - 0.5, i + 0.5, j + 0.5) for i, j in np.argwhere(closed)]
+    i, j = np.nonzero(closed)
     line = shapely.LineString([a, b]) if a != b else shapely.Point(a)
-    return bool(shapely.intersects(np.array(cells, dtype=object), line).any())
+    return bool(shapely.intersects(shapely.box(i - 0.5, j - 0.5, i + 0.5, j + 0.5), line).any())
 
 
 Cell = tuple[int, int]
@@ -44,12 +44,13 @@ def oracle(cost: Array, start: Cell, goal: Cell | None, closed: Array, gates: di
     """Return the least costs to go from every node, by Dijkstra over all nodes of the graph turned round, (K + 1, rows, columns)."""
     steps, rows, columns = cost.shape
     number = np.arange((steps + 1) * rows * columns).reshape(steps + 1, rows, columns)
+    cells = list(np.ndindex(rows, columns))
+    near = [(a, b) for a, b in itertools.product(cells, cells) if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 <= 4]
+    moves = [(a, b) for a, b in near if free(closed, gates, a, b)]  # the same in each step
     heads, tails, costs = [], [], []
     for k in range(steps):
-        for a in np.ndindex(rows, columns):
-            for b in np.ndindex(rows, columns):
-                if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 <= 4 and free(closed, gates, a, b):
-                    heads.append(number[k][a]), tails.append(number[k + 1][b]), costs.append(cost[k][b] + 1e-15)
+        for a, b in moves:
+            heads.append(number[k][a]), tails.append(number[k + 1][b]), costs.append(cost[k][b] + 1e-15)
     last = number.size
     ends = number[-1].ravel() if goal is None else number[:, goal[0], goal[1]]
     heads, tails, costs = [*heads, *ends], [*tails, *[last] * len(ends)], [*costs, *[1e-15] * len(ends)]
@@ -138,7 +139,7 @@ def test_a_boat_on_a_known_course_is_met_where_the_speeds_allow_it() -> None:
     """It passes abeam at 12 nmi on a course across, at 10 kn: they are within reach after 40 to 60 min; 30 nmi off, never."""
     for away, can in ((12.0, True), (30.0, False)):
         lon, lat, _ = EARTH.fwd(*np.degrees([LON, LAT]), 70.0, away * NMI)
-        question = asked()
+        question = asked(steps=7)
         ways = straight(*np.radians([[lon], [lat], [340.0]]), np.array([10 * KNOT]), question.times)
         found = pursuit.pursue(question, lambda _, ways=ways: (ways, np.ones(1)))
         assert (found.met[-1] == 1.0) == can
@@ -275,10 +276,11 @@ def test_an_empty_cloud_is_refused_and_another_that_is_empty_meets_nobody_knows_
 def test_of_what_is_never_near_nothing_is_met() -> None:
     """Weights whose sum is 1 but for rounding: none of 4.4e-14 percent, and none below 0."""
     weight = np.random.default_rng(3).random(999) / 7
-    ways = np.broadcast_to(path.vector(np.full(999, LON), np.full(999, LAT + 0.05)), (10, 999, 3))
-    found = pursuit.pursue(asked(reach=1.0, speed=5 * KNOT), lambda _: (ways, weight))
+    ways = np.broadcast_to(path.vector(np.full(999, LON), np.full(999, LAT + 0.05)), (5, 999, 3))
+    question = asked(reach=1.0, speed=5 * KNOT, steps=4)
+    found = pursuit.pursue(question, lambda _: (ways, weight))
     assert (found.met == 0).all()
-    assert (pursuit.judged(asked(reach=1.0), found, lambda _: (ways, weight)) == 0).all()
+    assert (pursuit.judged(question, found, lambda _: (ways, weight)) == 0).all()
 
 
 def test_how_much_comes_where_it_could_be_met_at_all() -> None:

@@ -150,7 +150,7 @@ BRIDGE = """
 title = "bridge"
 start = "2026-11-21T00:00Z"
 duration = "8 h"
-particles = 30000
+particles = 10000
 seed = 3
 clock.step = "{step} min"
 coast.source = "none"
@@ -203,7 +203,7 @@ def test_bridges_wander_into_a_table_and_out_of_it(tmp_path: Path, many: int) ->
                 hazard += 0.5 * inside * dt * -np.log(0.1)
         at = after
     missed = np.exp(-hazard)
-    error = missed.std() * np.sqrt(1 / many + 1 / 30_000)
+    error = missed.std() * np.sqrt(1 / many + 1 / 10_000)
     for pos in found:
         assert abs(pos - (1 - missed.mean())) < 3 * error
-    assert found[0] == pytest.approx(found[1], abs=4 * missed.std() / np.sqrt(30_000))
+    assert found[0] == pytest.approx(found[1], abs=4 * missed.std() / np.sqrt(10_000))

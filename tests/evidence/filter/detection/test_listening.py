@@ -88,24 +88,25 @@ def nearest(way: Way, lon: np.ndarray, lat: np.ndarray, hours: np.ndarray) -> np
     return np.min([sonars.toward(way.at(hour)[0], lon, lat)[1] for hour in hours], axis=0)
 
 
+FEW = {
+    "sides": np.array([0, 50, 90, 135, 180, 230, 270, 315.0]),
+    "gain": np.array([15, 0, 4, 10, -3, 0, 6, 2.0]),
+}
+
+
 @pytest.mark.parametrize(
     ("sonar", "step"),
     [
         (array(*PLACES), 5),
-        (array(*PLACES), 30),
+        pytest.param(array(*PLACES), 30, marks=pytest.mark.thorough),
         (array(*PLACES), 60),
-        (array(*PLACES[:2]), 30),
-        (array(radials=RADIALS + 5), 30),
-        (array(around=AROUND + 10), 30),
-        (
-            array(
-                sides=np.array([0, 50, 90, 135, 180, 230, 270, 315.0]),
-                gain=np.array([15, 0, 4, 10, -3, 0, 6, 2.0]),
-            ),
-            30,
-        ),
+        (array(*PLACES[:2], radials=RADIALS + 5, around=AROUND + 10, **FEW), 30),
+        pytest.param(array(*PLACES[:2]), 30, marks=pytest.mark.thorough),
+        pytest.param(array(radials=RADIALS + 5), 30, marks=pytest.mark.thorough),
+        pytest.param(array(around=AROUND + 10), 30, marks=pytest.mark.thorough),
+        pytest.param(array(**FEW), 30, marks=pytest.mark.thorough),
     ],
-    ids=["5 min", "30 min", "60 min", "two places", "radials from 5", "noise from 10", "few gains"],
+    ids=["5 min", "30 min", "60 min", "all others", "two places", "radials from 5", "noise from 10", "few gains"],
 )
 def test_an_array_that_turns_past_what_is_at_rest(tmp_path: Path, sonar: Sonar, step: int) -> None:
     """Two legs, gains by side, noise by bearing and time, losses by place, bearing and range."""
