@@ -445,7 +445,7 @@ def _exposing(Ways: Any, steers: bool) -> Any:
                                             # Past the middle of the part, at the speed of the leg.
                                             s0 = apart(polar, x, y, x, y, begin, 0.0, low, k, time, place, trig)
                                             s1 = apart(polar, x, y, x, y, begin, 0.0, high, k, time, place, trig)
-                                            v = f32x2(paths.piece_east[here], paths.piece_north[here])
+                                            v = pieces.leg_velocity(paths, here)
                                             half = 0.5 * (s1 - s0 + v * (high - low))
                                             middle = 0.5 * (a + b)
                                             a, b = middle - half, middle + half

@@ -146,7 +146,7 @@ def _speed(
             speed = far.norm() / ti.max(way.end - way.begin, 1.0)
         if ti.static(steers):
             if way.k > 0.0:
-                speed = f32x2(paths.piece_east[here], paths.piece_north[here]).norm()
+                speed = pieces.leg_velocity(paths, here).norm()
     return speed
 
 
