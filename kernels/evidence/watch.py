@@ -14,7 +14,7 @@ from kernels.evidence import glimpse, jumps, listen
 from kernels.evidence.glimpse import HEARD, Pods
 from kernels.evidence.listen import Ear, HostReals, Laid, Stretch, f32x2
 from kernels.maths import noise, sphere
-from kernels.runtime import batch
+from kernels.runtime import batch, bundle
 from kernels.steering import pieces
 from kernels.steering.pieces import DEPTH, NONE, Paths, Pieces, Straights
 from kernels.step import life
@@ -57,6 +57,8 @@ def _watching(Ways: Any, steers: bool) -> Any:
     ):
         many = offsets.shape[0]
         size = log_missed.shape[0] // many
+        if ti.static(bundle.threads(384) and kind == HEARD):
+            ti.loop_config(block_dim=384)
         for nth in range(first * many, last * many):
             i, f = batch.slot(listed, slots, nth), 0
             if ti.static(kind == HEARD):

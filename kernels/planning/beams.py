@@ -78,7 +78,7 @@ def _missed(
                         nearest = ti.min(ti.max(-a.dot(d) / ti.max(dd, 1e-12), 0.0), 1.0)
                         least = (a + nearest * d).norm()
                         if least > reach:
-                            silence = jumps.settled(silence, sonar.rate, lasting)
+                            jumps.settle(silence, sonar.rate, lasting)
                         else:
                             speed = 0.0
                             if sonar.paces > 1:
@@ -108,9 +108,9 @@ def _missed(
                                                 can |= ti.u64(1) << ti.cast(other % 64, ti.u64)
                                 else:
                                     over += listen.round_table(gains, sonar.sides, 1, row * sonar.sides, relative)
-                                    silence = jumps.heard(silence, over, sonar.spread, sonar.rate, lasting / parts)
+                                    jumps.hear(silence, over, sonar.spread, sonar.rate, lasting / parts)
                     else:
-                        silence = jumps.settled(silence, sonar.rate, lasting)
+                        jumps.settle(silence, sonar.rate, lasting)
             if beam >= 0:
                 log[beam * m + i] = jumps.log_missed(silence)
 

@@ -11,6 +11,7 @@ import taichi as ti
 
 from kernels.evidence import jumps, listen
 from kernels.maths import angles, sphere
+from kernels.runtime import bundle
 
 BESIDE = 3  # places whose losses are weighted
 
@@ -70,6 +71,8 @@ def _missed(
     m, factors, edges = scenario.shape[0], offsets.shape[0], time.shape[0]
     bins = edges - 1
     reach = sonar.nearest + sonar.between * (sonar.rings - 1)
+    if ti.static(bundle.threads(448)):
+        ti.loop_config(block_dim=448)
     for nth in range(log.shape[0]):
         f = nth % factors
         i = (nth // factors) % m
