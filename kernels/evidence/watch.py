@@ -14,7 +14,7 @@ from kernels.evidence import glimpse, jumps, listen
 from kernels.evidence.glimpse import HEARD, Pods
 from kernels.evidence.listen import Ear, HostReals, Laid, Stretch, f32x2
 from kernels.maths import noise, sphere
-from kernels.runtime import batch, bundle
+from kernels.runtime import batch, bundle, runtime
 from kernels.steering import pieces
 from kernels.steering.pieces import DEPTH, NONE, Paths, Pieces, Straights
 from kernels.step import life
@@ -193,7 +193,7 @@ def listen_along(ensemble: Any, paths: Paths, sonar: Laid, kept: tuple[Any, Any,
         sonar: on a stretch of its way; its times count from the begin of the paths.
         kept: its columns on the device, see kernels.evidence.listen.columns.
     """
-    _launch(ensemble, paths, HEARD, sonar.ear, *sonar.tables, *kept, 0)
+    _launch(ensemble, paths, HEARD, sonar.ear, *runtime.residents(*sonar.tables), *kept, 0)
 
 
 def look_along(ensemble: Any, paths: Paths, stretch: Stretch, pods: Pods, shore: bool, log_missed: Any) -> None:
@@ -209,4 +209,5 @@ def look_along(ensemble: Any, paths: Paths, stretch: Stretch, pods: Pods, shore:
     """
     table = np.ascontiguousarray(pods.table, np.float32).reshape(-1)
     columns = (log_missed,) * 3  # only the first of them is used
-    _launch(ensemble, paths, pods.kind, glimpse.ear(stretch, pods), table, *(NOTHING,) * 5, *columns, int(shore))
+    table, nothing = runtime.residents(table, NOTHING)
+    _launch(ensemble, paths, pods.kind, glimpse.ear(stretch, pods), table, *(nothing,) * 5, *columns, int(shore))

@@ -301,6 +301,11 @@ def resident(values: np.ndarray) -> np.ndarray | ti.Ndarray:
     return values if _started.get("backend") == "cpu" else upload(values)
 
 
+def residents(*values: np.ndarray) -> list[np.ndarray | ti.Ndarray]:
+    """Return host arrays that kernels only read, as they take them: a NumPy array would come back from a card, too."""
+    return [resident(each) for each in values]
+
+
 def copy(values: ti.Ndarray, into: ti.Ndarray | None = None) -> ti.Ndarray:
     """Return a copy of a device array of scalars; into: an earlier one, in whose place it is made where that is as large.
 
