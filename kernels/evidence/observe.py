@@ -404,7 +404,7 @@ def observe_along(
     kernel(
         shape.kind, besides, *paths.own.launched, e.scenario, e.status, e.status_since,
         *rows.located(e.own.get("departure", e.release)), paths.pack, *before, *after, window.since, window.lasting, window.step,
-        window.count, *noise.key(e.seed), float(k), sensor(shape, window, report), runtime.resident(shape.corners), stayed, told,
+        window.count, *noise.key(e.seed), float(k), sensor(shape, window, report), *runtime.residents(shape.corners), stayed, told,
     )  # fmt: skip
 
 

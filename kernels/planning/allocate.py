@@ -107,7 +107,7 @@ def _gain(
 class Field:
     """Particles in cells, and the curve that turns coverage into probability.
 
-    The arrays are as the kernels take them again and again: see kernels.runtime.runtime.resident.
+    The arrays are as the kernels take them again and again: see kernels.runtime.runtime.residents.
 
     cell: int32 (b, m), -1: none; best in an order where neighbours are near; fall: by how much finding a particle after
     a bin is worth less, (b, m) (POS: 1 at the last bin, else 0); pace: speed of a particle [m/s] (b, m); scenario: row of
@@ -130,13 +130,13 @@ class Field:
         entry = entry[np.searchsorted(flat[entry], 0) :].astype(np.int32)
         first = np.searchsorted(flat[entry], np.arange(cells + 1)).astype(np.int32)
         self.cell, self.scenario, self.entry, self.first = runtime.residents(flat, rows, entry, first)
-        self.gradient = runtime.resident(np.zeros(flat.size, np.float32))
+        (self.gradient,) = runtime.residents(np.zeros(flat.size, np.float32))
         self.gains = np.zeros(cells * self.units, np.float32)
 
     def spend(self, density: np.ndarray) -> tuple[float, float]:
         """Return P(f) and the sum of w b*(y) for effort [s/m2] by cell and unit; keep the slopes w y."""
         sums = np.zeros(2 * -(-self.m // BLOCK), np.float32)
-        flat = runtime.resident(np.ascontiguousarray(density, np.float32).reshape(-1))
+        (flat,) = runtime.residents(np.ascontiguousarray(density, np.float32).reshape(-1))
         _spend(
             self.bins, self.units, 1 / self.step, self.cell, flat, self.sweep, self.slowness, self.pace, self.fall,
             self.scenario, self.weight, *self.curve, self.gradient, sums,

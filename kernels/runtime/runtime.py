@@ -302,8 +302,12 @@ def resident(values: np.ndarray) -> np.ndarray | ti.Ndarray:
 
 
 def residents(*values: np.ndarray) -> list[np.ndarray | ti.Ndarray]:
-    """Return host arrays that kernels only read, as they take them: a NumPy array would come back from a card, too."""
-    return [resident(each) for each in values]
+    """Return host arrays as a kernel takes them that only reads them.
+
+    CUDA would copy NumPy arrays back, too, and have the host wait for it. On Vulkan a copy of one's own is a launch with
+    a NumPy array, which gains nothing.
+    """
+    return [upload(each) for each in values] if _started.get("backend") == "cuda" else list(values)
 
 
 def copy(values: ti.Ndarray, into: ti.Ndarray | None = None) -> ti.Ndarray:
