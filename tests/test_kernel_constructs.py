@@ -22,7 +22,6 @@ ON_DEVICE = {
     "prior.draw_objects",
     "prior.draw_position",
     "prior.draw_trackline",
-    "steer._inside",
     "tally._mark",
 }
 WHOLE = {"beams._missed"}  # it writes every element: one of each beam, over all turns of a loop
@@ -55,7 +54,7 @@ RULES = {
     "in while": Rule(
         constructs.in_while,
         "count in a local variable, and add it to the array after the loop",
-        {"clouds.apply_sweep", "follower.keep_off", "steer._born", "steer._steer"},
+        {"clouds.apply_sweep", "follower.keep_off", "steer._born", "steer._moved"},
     ),
 }
 

@@ -213,10 +213,3 @@ def settled(silence: Silence, rate: ti.f32, lasting: ti.f32) -> Silence:
     """Return a silence that goes on for a while in which the target cannot be heard."""
     settle(silence, rate, lasting)
     return silence
-
-
-@ti.func
-def heard(silence: Silence, over: ti.f32, spread: ti.f32, rate: ti.f32, lasting: ti.f32) -> Silence:
-    """Return a silence that goes on for a while: see `hear`."""
-    hear(silence, over, spread, rate, lasting)
-    return silence

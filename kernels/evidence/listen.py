@@ -14,6 +14,7 @@ import taichi as ti
 from kernels.evidence import jumps
 from kernels.evidence.jumps import STAIRS, Silence
 from kernels.maths import sphere
+from kernels.runtime import bundle
 
 STEEP = 2.0  # [dB] by which losses, and gains, may change within a part
 HIDDEN = 0.4  # [dB] by which they may be better within a part than at its ends
@@ -186,10 +187,11 @@ def hear(
         least = ti.max(fine * unit, 1.0 / MOST_PARTS)
         aside = ti.abs(a[1] * d[0] - a[0] * d[1]) * unit
         chances, parts = Nodes(0.0), Nodes(0.0)
+        nodes = ti.static(1 if bundle.alone() else NODES)  # a card need not wait, and holds two numbers in registers
         here, before = 0.0, 0.0  # shares of the stretch
         while here <= 1.0:
             many = 0
-            while many < NODES and here <= 1.0:
+            while many < nodes and here <= 1.0:
                 there = excess(ear, losses, around, limits, a + here * d, aside)
                 deviations = (there[0] + source) * ear.unit
                 part = ti.max(there[1] * unit, least)

@@ -17,7 +17,7 @@ import taichi as ti
 
 from kernels.evidence import touch
 from kernels.maths import angles, noise, sphere
-from kernels.runtime import batch, rows
+from kernels.runtime import batch, rows, runtime
 from kernels.steering import pieces
 from kernels.steering.itinerary import Chance
 from kernels.steering.pieces import NONE, Paths, Pieces, Straights
@@ -404,7 +404,7 @@ def observe_along(
     kernel(
         shape.kind, besides, *paths.own.launched, e.scenario, e.status, e.status_since,
         *rows.located(e.own.get("departure", e.release)), paths.pack, *before, *after, window.since, window.lasting, window.step,
-        window.count, *noise.key(e.seed), float(k), sensor(shape, window, report), shape.corners, stayed, told,
+        window.count, *noise.key(e.seed), float(k), sensor(shape, window, report), *runtime.residents(shape.corners), stayed, told,
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import taichi as ti
 
 from kernels.maths import noise, sphere
-from kernels.runtime import batch
+from kernels.runtime import batch, runtime
 from kernels.steering import pieces
 from kernels.steering.pieces import DEPTH, MOVES, NONE, Paths, Piece, Pieces, Straights
 from kernels.step import curve
@@ -445,7 +445,7 @@ def _exposing(Ways: Any, steers: bool) -> Any:
                                             # Past the middle of the part, at the speed of the leg.
                                             s0 = apart(polar, x, y, x, y, begin, 0.0, low, k, time, place, trig)
                                             s1 = apart(polar, x, y, x, y, begin, 0.0, high, k, time, place, trig)
-                                            v = f32x2(paths.piece_east[here], paths.piece_north[here])
+                                            v = pieces.leg_velocity(paths, here)
                                             half = 0.5 * (s1 - s0 + v * (high - low))
                                             middle = 0.5 * (a + b)
                                             a, b = middle - half, middle + half
@@ -521,11 +521,14 @@ def expose(
     e, scale = ensemble, np.asarray(scale, np.float32)
     stride = scale.shape[1] if scale.ndim == 2 else 0
     kernel = _steering if paths.steers else _drifting
+    read = runtime.residents(
+        *track[:4], track.leg * track.searching, np.asarray(table, np.float32), scale.reshape(-1),
+        UNKNOWN if unit is None else np.asarray(unit, np.float32),
+    )  # fmt: skip
     kernel(
         kind, paths.polar, *paths.own.launched, e.scenario, e.status, e.status_since, paths.pack, paths.elapsed,
-        paths.duration, paths.step, *noise.key(e.seed), *track[:4], track.leg * track.searching,
-        np.asarray(table, np.float32), scale.reshape(-1), UNKNOWN if unit is None else np.asarray(unit, np.float32),
-        stride, scale.shape[-1], exposure, exposure if passed is None else passed, e.n, int(shore),
+        paths.duration, paths.step, *noise.key(e.seed), *read, stride, scale.shape[-1], exposure,
+        exposure if passed is None else passed, e.n, int(shore),
     )  # fmt: skip
 
 
@@ -632,7 +635,9 @@ def fail(
     also: exposure of what was under way, and coefficients of the same shape; None: nothing was.
     """
     other, by = also or (exposure, coefficient)
-    coefficients, others, each = (np.asarray(x, np.float32).reshape(-1) for x in (coefficient, by, chances))
+    coefficients, others, each = runtime.residents(
+        *(np.asarray(x, np.float32).reshape(-1) for x in (coefficient, by, chances))
+    )
     _fail(
         meaning, also is not None, scenario, exposure, coefficients, other, others, each, shared, log_weight,
         log_weight.shape[0],

@@ -14,7 +14,7 @@ from kernels.evidence import glimpse, jumps, listen
 from kernels.evidence.glimpse import HEARD, Pods
 from kernels.evidence.listen import Ear, HostReals, Laid, Stretch, f32x2
 from kernels.maths import noise, sphere
-from kernels.runtime import batch
+from kernels.runtime import batch, bundle, runtime
 from kernels.steering import pieces
 from kernels.steering.pieces import DEPTH, NONE, Paths, Pieces, Straights
 from kernels.step import life
@@ -57,6 +57,8 @@ def _watching(Ways: Any, steers: bool) -> Any:
     ):
         many = offsets.shape[0]
         size = log_missed.shape[0] // many
+        if ti.static(bundle.threads(384) and kind == HEARD):
+            ti.loop_config(block_dim=384)
         for nth in range(first * many, last * many):
             i, f = batch.slot(listed, slots, nth), 0
             if ti.static(kind == HEARD):
@@ -146,7 +148,7 @@ def _speed(
             speed = far.norm() / ti.max(way.end - way.begin, 1.0)
         if ti.static(steers):
             if way.k > 0.0:
-                speed = f32x2(paths.piece_east[here], paths.piece_north[here]).norm()
+                speed = pieces.leg_velocity(paths, here).norm()
     return speed
 
 
@@ -191,7 +193,7 @@ def listen_along(ensemble: Any, paths: Paths, sonar: Laid, kept: tuple[Any, Any,
         sonar: on a stretch of its way; its times count from the begin of the paths.
         kept: its columns on the device, see kernels.evidence.listen.columns.
     """
-    _launch(ensemble, paths, HEARD, sonar.ear, *sonar.tables, *kept, 0)
+    _launch(ensemble, paths, HEARD, sonar.ear, *runtime.residents(*sonar.tables), *kept, 0)
 
 
 def look_along(ensemble: Any, paths: Paths, stretch: Stretch, pods: Pods, shore: bool, log_missed: Any) -> None:
@@ -207,4 +209,5 @@ def look_along(ensemble: Any, paths: Paths, stretch: Stretch, pods: Pods, shore:
     """
     table = np.ascontiguousarray(pods.table, np.float32).reshape(-1)
     columns = (log_missed,) * 3  # only the first of them is used
-    _launch(ensemble, paths, pods.kind, glimpse.ear(stretch, pods), table, *(NOTHING,) * 5, *columns, int(shore))
+    table, nothing = runtime.residents(table, NOTHING)
+    _launch(ensemble, paths, pods.kind, glimpse.ear(stretch, pods), table, *(nothing,) * 5, *columns, int(shore))

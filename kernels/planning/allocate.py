@@ -7,6 +7,8 @@ by unit and cell.
 import numpy as np
 import taichi as ti
 
+from kernels.runtime import runtime
+
 HostReals = ti.types.ndarray(dtype=ti.f32, ndim=1)
 HostInts = ti.types.ndarray(dtype=ti.i32, ndim=1)
 
@@ -105,7 +107,7 @@ def _gain(
 class Field:
     """Particles in cells, and the curve that turns coverage into probability.
 
-    The arrays are on the host, as the kernels take them.
+    The arrays are as the kernels take them again and again: see kernels.runtime.runtime.residents.
 
     cell: int32 (b, m), -1: none; best in an order where neighbours are near; fall: by how much finding a particle after
     a bin is worth less, (b, m) (POS: 1 at the last bin, else 0); pace: speed of a particle [m/s] (b, m); scenario: row of
@@ -118,23 +120,23 @@ class Field:
         self.bins, self.m = cell.shape
         self.units, self.cells = len(slowness), cells
         flat = np.ascontiguousarray(cell.reshape(-1), np.int32)
-        self.sweep = np.ascontiguousarray(np.reshape(sweep, -1), np.float32)
-        self.slowness = np.asarray(slowness, np.float32)
-        self.cell, self.step = flat, step
-        self.fall, self.pace = (np.ascontiguousarray(v.reshape(-1), np.float32) for v in (fall, pace))
-        self.scenario = np.ascontiguousarray(np.broadcast_to(scenario, cell.shape), np.int32).reshape(-1)
-        self.weight = np.asarray(weight, np.float32)
-        self.curve = tuple(np.asarray(v, np.float32) for v in curve)
+        self.step = step
+        own = (sweep, slowness, fall, pace, weight, *curve)
+        self.sweep, self.slowness, self.fall, self.pace, self.weight, *self.curve = runtime.residents(
+            *(np.ascontiguousarray(v, np.float32).reshape(-1) for v in own)
+        )
+        rows = np.ascontiguousarray(np.broadcast_to(scenario, cell.shape), np.int32).reshape(-1)
         entry = np.argsort(flat, kind="stable")
-        self.entry = entry[np.searchsorted(flat[entry], 0) :].astype(np.int32)
-        self.first = np.searchsorted(flat[self.entry], np.arange(cells + 1)).astype(np.int32)
-        self.gradient = np.zeros(flat.size, np.float32)
+        entry = entry[np.searchsorted(flat[entry], 0) :].astype(np.int32)
+        first = np.searchsorted(flat[entry], np.arange(cells + 1)).astype(np.int32)
+        self.cell, self.scenario, self.entry, self.first = runtime.residents(flat, rows, entry, first)
+        (self.gradient,) = runtime.residents(np.zeros(flat.size, np.float32))
         self.gains = np.zeros(cells * self.units, np.float32)
 
     def spend(self, density: np.ndarray) -> tuple[float, float]:
         """Return P(f) and the sum of w b*(y) for effort [s/m2] by cell and unit; keep the slopes w y."""
         sums = np.zeros(2 * -(-self.m // BLOCK), np.float32)
-        flat = np.ascontiguousarray(density, np.float32).reshape(-1)
+        (flat,) = runtime.residents(np.ascontiguousarray(density, np.float32).reshape(-1))
         _spend(
             self.bins, self.units, 1 / self.step, self.cell, flat, self.sweep, self.slowness, self.pace, self.fall,
             self.scenario, self.weight, *self.curve, self.gradient, sums,

@@ -13,6 +13,7 @@ import taichi as ti
 from kernels.evidence import jumps, listen
 from kernels.maths import angles, sphere
 from kernels.planning.stations import BESIDE, Sonar, Swarm, Tables
+from kernels.runtime import runtime
 
 NARROW = 0.06  # longest part of a stretch of way, as a share of its least range: 3.4 degrees of bearing
 CLOSE = 100.0  # [m] parts are not made shorter than this
@@ -78,7 +79,7 @@ def _missed(
                         nearest = ti.min(ti.max(-a.dot(d) / ti.max(dd, 1e-12), 0.0), 1.0)
                         least = (a + nearest * d).norm()
                         if least > reach:
-                            silence = jumps.settled(silence, sonar.rate, lasting)
+                            jumps.settle(silence, sonar.rate, lasting)
                         else:
                             speed = 0.0
                             if sonar.paces > 1:
@@ -108,9 +109,9 @@ def _missed(
                                                 can |= ti.u64(1) << ti.cast(other % 64, ti.u64)
                                 else:
                                     over += listen.round_table(gains, sonar.sides, 1, row * sonar.sides, relative)
-                                    silence = jumps.heard(silence, over, sonar.spread, sonar.rate, lasting / parts)
+                                    jumps.hear(silence, over, sonar.spread, sonar.rate, lasting / parts)
                     else:
-                        silence = jumps.settled(silence, sonar.rate, lasting)
+                        jumps.settle(silence, sonar.rate, lasting)
             if beam >= 0:
                 log[beam * m + i] = jumps.log_missed(silence)
 
@@ -149,13 +150,14 @@ def missed(
         sides=beams.gains.shape[1], winds=tables.noise.shape[1], paces=tables.paces.size, spread=tables.spread,
         rate=tables.rate, part=part,
     )  # fmt: skip
-    _missed(
-        sonar, *bins, *_flat(np.float32, tables.losses, beams.gains),
+    read = (
+        *_flat(np.float32, tables.losses, beams.gains),
         *_flat(np.int32, beams.rows), *_flat(np.float32, tables.noise, tables.levels, tables.paces, offset, swarm.time),
         *_flat(np.int32, swarm.lon, swarm.lat), *_flat(np.uint8, swarm.there), *_flat(np.int32, swarm.scenario),
         *_flat(np.int32, course.lon, course.lat), *_flat(np.float32, course.heading), *_flat(np.uint8, course.listens),
-        *_flat(np.int32, course.which), *_flat(np.float32, course.weight), log,
+        *_flat(np.int32, course.which), *_flat(np.float32, course.weight),
     )  # fmt: skip
+    _missed(sonar, *bins, *runtime.residents(*read), log)
     return log.reshape(-1, m)
 
 

@@ -216,11 +216,13 @@ def gains(
     """
     m, coverage = particles.scenario.shape[0], by_state(coverage, 1)
     sums = np.zeros(len(rectangle) * -(-m // BLOCK), np.float32)
-    arrays = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (rectangle, coverage)]
-    last = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (curve, before, later)]
+    read = [
+        np.ascontiguousarray(v, np.float32).reshape(-1) for v in (rectangle, coverage, factor, curve, before, later)
+    ]
+    place, covered, factors, *last = runtime.residents(*read)
     edges = particles.time.shape[0]
     moving, scenarios = particles.resident[:-3], coverage.shape[-1]
-    _gains(random, edges, *moving, *arrays, scenarios, np.asarray(factor, np.float32), 1 / step, *last, sums)
+    _gains(random, edges, *moving, place, covered, scenarios, factors, 1 / step, *last, sums)
     return sums.astype(np.float64).reshape(len(rectangle), -1).sum(axis=1)
 
 
@@ -234,7 +236,8 @@ def found(
     """
     m = particles.scenario.shape[0]
     b, worth = np.zeros(m * len(factor), np.float32), np.zeros(m, np.float32)
-    arrays = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (rectangle, by_state(coverage), factor)]
+    read = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (rectangle, by_state(coverage), factor, curve)]
+    *arrays, table = runtime.residents(*read)
     edges = particles.time.shape[0]
-    _found(random, edges, *particles.resident[:-3], *arrays, 1 / step, np.asarray(curve, np.float32), b, worth)
+    _found(random, edges, *particles.resident[:-3], *arrays, 1 / step, table, b, worth)
     return b.reshape(m, -1), worth

@@ -11,6 +11,7 @@ import taichi as ti
 
 from kernels.evidence import jumps, listen
 from kernels.maths import angles, sphere
+from kernels.runtime import bundle, runtime
 
 BESIDE = 3  # places whose losses are weighted
 
@@ -70,6 +71,8 @@ def _missed(
     m, factors, edges = scenario.shape[0], offsets.shape[0], time.shape[0]
     bins = edges - 1
     reach = sonar.nearest + sonar.between * (sonar.rings - 1)
+    if ti.static(bundle.threads(448)):
+        ti.loop_config(block_dim=448)
     for nth in range(log.shape[0]):
         f = nth % factors
         i = (nth // factors) % m
@@ -229,13 +232,13 @@ def missed(swarm: Swarm, tables: Tables, ways: Ways, part: float, share: float =
     """
     many = len(ways.lon)
     log = np.empty(many * len(swarm.scenario) * len(tables.offsets), np.float32)
-    time, lon, lat, there, scenario = _particles(swarm)
-    _missed(
-        _sonar(tables, part, share), *_flat(tables.losses, tables.gains, tables.noise, tables.levels, tables.paces, tables.offsets),
-        time, lon, lat, there, scenario, np.ascontiguousarray(ways.lon).reshape(-1), np.ascontiguousarray(ways.lat).reshape(-1),
+    read = (
+        *_flat(tables.losses, tables.gains, tables.noise, tables.levels, tables.paces, tables.offsets), *_particles(swarm),
+        np.ascontiguousarray(ways.lon).reshape(-1), np.ascontiguousarray(ways.lat).reshape(-1),
         *_flat(ways.heading), np.ascontiguousarray(ways.listens, np.uint8).reshape(-1),
-        np.ascontiguousarray(ways.which, np.int32).reshape(-1), *_flat(ways.weight), log,
+        np.ascontiguousarray(ways.which, np.int32).reshape(-1), *_flat(ways.weight),
     )  # fmt: skip
+    _missed(_sonar(tables, part, share), *runtime.residents(*read), log)
     return log.reshape(many, len(swarm.scenario), -1)
 
 
@@ -255,9 +258,9 @@ def best(
     """
     slots, many = len(first) - 1, len(cells[0])
     hazard = np.empty(slots * many * len(swarm.scenario) * len(tables.offsets), np.float32)
-    _best(
-        _sonar(tables, part, rings=excess.shape[1], rays=1), *_flat(excess, tables.levels, tables.paces, tables.offsets),
-        *_particles(swarm), np.ascontiguousarray(cells[0], np.int32), np.ascontiguousarray(cells[1], np.int32),
-        np.asarray(first, np.int32), hazard,
+    read = (
+        *_flat(excess, tables.levels, tables.paces, tables.offsets), *_particles(swarm),
+        np.ascontiguousarray(cells[0], np.int32), np.ascontiguousarray(cells[1], np.int32), np.asarray(first, np.int32),
     )  # fmt: skip
+    _best(_sonar(tables, part, rings=excess.shape[1], rays=1), *runtime.residents(*read), hazard)
     return hazard.reshape(slots, many, len(swarm.scenario), -1)

@@ -16,6 +16,7 @@ from kernels.evidence import sweep
 from kernels.maths import noise
 from kernels.planning.allocate import HostInts, HostReals
 from kernels.planning.rectangles import Swarm, by_state
+from kernels.runtime import runtime
 
 BLOCK = 128
 FAR = 5.0  # sweep widths from all legs beyond which comparisons leave a particle out: one leg finds 0.3 % there
@@ -250,14 +251,7 @@ def gains(
         len(particles.flow_x) > 0,
         particles.time.shape[0],
         *particles.resident,
-        start,
-        extent,
-        node,
-        curve,
-        widths,
-        factors,
-        weight,
-        rest,
+        *runtime.residents(start, extent, node, curve, widths, factors, weight, rest),
         sums,
     )
     return sums.astype(np.float64).reshape(len(paths), -1).sum(axis=1)
@@ -278,5 +272,6 @@ def found(
     )
     curve = np.zeros(4, np.float32) if table is None else np.asarray(table, np.float32).reshape(-1)
     bridged, edges = len(particles.flow_x) > 0, particles.time.shape[0]
-    _found(table is None, bridged, edges, *particles.resident, node, curve, widths, factors, b, worth)
+    read = runtime.residents(node, curve, widths, factors)
+    _found(table is None, bridged, edges, *particles.resident, *read, b, worth)
     return b.reshape(m, -1), worth

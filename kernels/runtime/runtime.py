@@ -301,6 +301,15 @@ def resident(values: np.ndarray) -> np.ndarray | ti.Ndarray:
     return values if _started.get("backend") == "cpu" else upload(values)
 
 
+def residents(*values: np.ndarray) -> list[np.ndarray | ti.Ndarray]:
+    """Return host arrays as a kernel takes them that only reads them.
+
+    CUDA would copy NumPy arrays back, too, and have the host wait for it. On Vulkan a copy of one's own is a launch with
+    a NumPy array, which gains nothing.
+    """
+    return [upload(each) for each in values] if _started.get("backend") == "cuda" else list(values)
+
+
 def copy(values: ti.Ndarray, into: ti.Ndarray | None = None) -> ti.Ndarray:
     """Return a copy of a device array of scalars; into: an earlier one, in whose place it is made where that is as large.
 

@@ -39,8 +39,9 @@ Pieces = ti.types.argpack(
     piece_count=Ints,  # its number in the step, the key of its noise; NONE: the target has no piece
     piece_next=Ints,  # where the next piece stands, or NONE
     piece_k=Reals,  # K of the bridge [m/sqrt(s)]; 0: it goes straight
-    piece_east=Reals,  # [m/s] of a bridge, the mean velocity of the leg of which it is a part
-    piece_north=Reals,
+    # East and north, one after the other [m/s]: of a bridge, the mean velocity of the leg of which it is a part. One
+    # array, for `_steer` of kernels.steering.steer has no buffer left on Metal.
+    piece_velocity=Reals,
     piece_used=Ints,  # (1,) how many pieces there are, slots and all
 )
 
@@ -150,6 +151,12 @@ def load_piece(
 
 
 @ti.func
+def leg_velocity(paths: ti.template(), here: ti.i32) -> ti.types.vector(2, ti.f32):
+    """Return (east, north) [m/s], the mean velocity of the leg of which a bridge is a piece."""
+    return ti.Vector([paths.piece_velocity[2 * here], paths.piece_velocity[2 * here + 1]])
+
+
+@ti.func
 def whole_piece(piece: Piece) -> Part:
     """Return a piece as its only part."""
     return Part(
@@ -225,7 +232,7 @@ def note(
         if k > 0.0:
             far = sphere.offset(target.lon, target.lat, target.to_lon, target.to_lat)
             pace = 1.0 / ti.max(ti.cast(target.to_time - target.time, ti.f32), 1.0)
-            pieces.piece_east[here], pieces.piece_north[here] = far[0] * pace, far[1] * pace
+            pieces.piece_velocity[2 * here], pieces.piece_velocity[2 * here + 1] = far[0] * pace, far[1] * pace
     return here if here < room else last
 
 
@@ -278,7 +285,8 @@ class Room:
 
     def _of(self, size: int) -> None:
         self.size, self.pack, self.columns = size, None, {}  # what was there goes before as much again comes
-        self.columns = {name: runtime.empty(size, member.dtype) for name, member in Pieces.members.items()}
+        sizes = dict.fromkeys(Pieces.members, size) | {"piece_velocity": 2 * size}
+        self.columns = {name: runtime.empty(sizes[name], member.dtype) for name, member in Pieces.members.items()}
         self.columns["piece_used"] = self._used
         self.pack = launch.pack(Pieces, *self.columns.values())
 

@@ -14,7 +14,7 @@ from typing import Any
 import taichi as ti
 
 from kernels.maths import angles, noise, sphere, spreads
-from kernels.runtime import batch, launch, rows, runtime
+from kernels.runtime import batch, bundle, launch, rows, runtime
 from kernels.runtime.batch import Batch
 from kernels.steering import itinerary, ways
 from kernels.steering.itinerary import (
@@ -41,11 +41,12 @@ from kernels.steering.itinerary import (
 )
 from kernels.steering.pieces import NONE, Pieces, Room, note
 from kernels.step import life
-from kernels.step.coast import Coast, DeviceCoast, Ints, Reals, first_crossing, is_wet, open_sea
+from kernels.step.coast import Coast, DeviceCoast, Ints, Reals, first_crossing, is_clear, is_wet, open_sea
 
 MOVED, NOTED, BOTH = range(3)  # what a launch does with targets
 BIRTH = -(2**31)  # number of the lattice step, as a key, of what is drawn before any step
 MOST_TRIES = 4096  # candidates of a first place, as in kernels.step.prior
+LATER = -1  # in place of a state: what comes next takes a loop of its own
 Longs = ti.types.ndarray(dtype=ti.i64, ndim=1)
 
 f32x2 = ti.types.vector(2, ti.f32)
@@ -160,6 +161,7 @@ def amid(
 
 @ti.func
 def stretch(
+    apart: ti.template(),
     coastal: ti.i32,
     plan: ti.template(),
     key: Chance,
@@ -169,24 +171,35 @@ def stretch(
     until: ti.i32,
     coast: ti.template(),
 ):
-    """Return (lon, lat, time, state, edge) at the reckoned end of a target's next piece, or where it meets the shore."""
+    """Return (lon, lat, time, state, edge) at the reckoned end of a target's next piece, or where it meets the shore.
+
+    apart: whether the state is LATER where a way point is reached or the shore may be met.
+    """
     x, y, time = piece(plan, key, target, k, until)
     state, edge = life.UNDER_WAY, -1
+    if ti.static(apart):
+        if time == target.to_time:
+            state = LATER
     if coastal == 1:
         if plan.numbers[plan.stories_at + scenario * STORY + 2] & STOPPED:
             ax, ay = set_at(target, target.time)
             bx, by = set_at(target, time)
             ax, ay, bx, by = target.lon + ax, target.lat + ay, x + bx, y + by
-            hit, x_stop, y_stop, share, number = first_crossing(ax, ay, bx - ax, by - ay, coast)
-            if hit == 1:
-                time = target.time + ti.cast(share * ti.cast(time - target.time, ti.f32), ti.i32)
-                bx, by = set_at(target, time)
-                x, y, state, edge = x_stop - bx, y_stop - by, life.AGROUND, number
+            if ti.static(apart):
+                if not is_clear(ax, ay, ti.max(abs(bx - ax), abs(by - ay)), coast):
+                    state = LATER
+            else:
+                hit, x_stop, y_stop, share, number = first_crossing(ax, ay, bx - ax, by - ay, coast)
+                if hit == 1:
+                    time = target.time + ti.cast(share * ti.cast(time - target.time, ti.f32), ti.i32)
+                    bx, by = set_at(target, time)
+                    x, y, state, edge = x_stop - bx, y_stop - by, life.AGROUND, number
     return x, y, time, state, edge
 
 
 @ti.func
 def reached(
+    apart: ti.template(),
     coastal: ti.i32,
     plan: ti.template(),
     key: Chance,
@@ -200,9 +213,96 @@ def reached(
     """Return a target at the end of a piece, with the next way point drawn if it has reached one."""
     t = target
     t.lon, t.lat, t.time = x, y, time
-    if time == t.to_time:
-        t = aim(coastal, plan, key, scenario, t, coast)
+    if ti.static(not apart):
+        if time == t.to_time:
+            t = aim(coastal, plan, key, scenario, t, coast)
     return t
+
+
+@ti.func
+def _put_aside(i: ti.i32, aside: ti.template()):
+    """Leave target i to the second loop of a kernel."""
+    aside[1 + ti.atomic_add(aside[0], 1)] = i
+
+
+@ti.func
+def _moved(
+    apart: ti.template(),
+    coastal: ti.i32,
+    i: ti.i32,
+    shift: ti.template(),
+    columns: ti.template(),
+    plan: ti.template(),
+    coast: ti.template(),
+    terms: ti.template(),
+    elapsed: ti.i32,
+    duration: ti.i32,
+    step: ti.i32,
+    noted: ti.i32,
+    pieces: ti.template(),
+    aside: ti.template(),
+):
+    """Do with target i what `_steer` does; apart: whether it is put aside where `stretch` says LATER."""
+    end = elapsed + duration
+    resting = columns.status[i] == life.ARRIVED or columns.status[i] == life.AGROUND
+    if noted != MOVED:
+        pieces.piece_count[i] = NONE
+    if under_way(columns, i, end) or (noted != MOVED and resting):
+        t = loaded(columns, i, elapsed)
+        which = columns.scenario[i]
+        key = Chance(terms.seed0, terms.seed1, birth(columns, i), i + shift[which], step, 0)
+        state, until = life.UNDER_WAY, ti.min(end, columns.release[i])
+        if resting:
+            state, t.time, until = columns.status[i], elapsed, end
+        here, met, stopped, turned = NONE, -1, t.time, 0
+        while t.time < until:
+            x, y, time, state_then = t.lon, t.lat, until, state  # it has stopped
+            k = ti.f32(0.0)
+            if state == life.UNDER_WAY:
+                key.count += 1
+                k = wanders(plan, key, t)
+                x, y, time, state_then, met = stretch(apart, coastal, plan, key, which, t, k, until, coast)
+            if ti.static(apart):
+                if state_then == LATER:
+                    state = LATER
+                    break
+            if noted != MOVED:
+                seen = t
+                dlon, dlat = set_at(t, t.time)
+                seen.lon, seen.lat = t.lon + dlon, t.lat + dlat
+                dlon, dlat = set_at(t, time if state == life.UNDER_WAY else t.time)
+                here = note(pieces, i, here, seen, x + dlon, y + dlat, time, k, key.count)
+            if state == life.UNDER_WAY and state_then == life.UNDER_WAY:
+                turned |= ti.cast(time == t.to_time, ti.i32)
+                t = reached(apart, coastal, plan, key, which, t, x, y, time, coast)
+                if t.over == 1:
+                    state_then = life.ARRIVED
+            else:
+                t.lon, t.lat, t.time = x, y, time
+            if state == life.UNDER_WAY:
+                stopped = t.time
+            state = state_then
+            if state != life.UNDER_WAY:
+                until = end if noted != MOVED else t.time
+            if ti.static(apart):
+                break  # all the way was one piece: the compiler need not hold what a second one takes
+        if state == LATER:
+            _put_aside(i, aside)
+        elif noted != NOTED and not resting:
+            t.time = stopped
+            if state != life.UNDER_WAY:
+                columns.status_since[i] = stopped
+                if state == life.AGROUND:
+                    columns.edge[i] = met
+            x, y = _placed(columns, i, t)
+            # Every column that is touched costs: arrays as large as each other get into each other's way in a cache.
+            if turned == 1:
+                _aimed(columns, i, t)
+            outside = ti.cast(x - terms.west, ti.u32) > terms.width or ti.cast(y - terms.south, ti.u32) > terms.height
+            if state == life.UNDER_WAY and outside:
+                state = life.LEFT
+                columns.status_since[i] = end
+            columns.status[i] = state
 
 
 @ti.kernel
@@ -222,64 +322,29 @@ def _steer(
     step: ti.i32,
     noted: ti.i32,
     pieces: Pieces,
+    aside: Ints,
 ):
     """Move targets, or note their pieces and leave the columns as they are, or both; noted: MOVED, NOTED or BOTH."""
+    # On a card what reaches a way point or comes near the shore has a loop of its own: it takes three times the registers
+    # of all else, which each thread would be given.
+    apart = ti.static(bundle.alone())
+    if ti.static(apart):
+        aside[0] = 0
+    if ti.static(bundle.threads(512)):
+        ti.loop_config(block_dim=512)
     for j in range(first, last):
         i = batch.listed_slot(listed, slots, j)
-        end = elapsed + duration
-        resting = columns.status[i] == life.ARRIVED or columns.status[i] == life.AGROUND
-        if noted != MOVED:
-            pieces.piece_count[i] = NONE
-        if under_way(columns, i, end) or (noted != MOVED and resting):
-            t = loaded(columns, i, elapsed)
-            which = columns.scenario[i]
-            key = Chance(terms.seed0, terms.seed1, birth(columns, i), i + shift[which], step, 0)
-            state, until = life.UNDER_WAY, ti.min(end, columns.release[i])
-            if resting:
-                state, t.time, until = columns.status[i], elapsed, end
-            here, met, stopped, turned = NONE, -1, t.time, 0
-            while t.time < until:
-                x, y, time, state_then = t.lon, t.lat, until, state  # it has stopped
-                k = ti.f32(0.0)
-                if state == life.UNDER_WAY:
-                    key.count += 1
-                    k = wanders(plan, key, t)
-                    x, y, time, state_then, met = stretch(coastal, plan, key, which, t, k, until, coast)
-                if noted != MOVED:
-                    seen = t
-                    dlon, dlat = set_at(t, t.time)
-                    seen.lon, seen.lat = t.lon + dlon, t.lat + dlat
-                    dlon, dlat = set_at(t, time if state == life.UNDER_WAY else t.time)
-                    here = note(pieces, i, here, seen, x + dlon, y + dlat, time, k, key.count)
-                if state == life.UNDER_WAY and state_then == life.UNDER_WAY:
-                    turned |= ti.cast(time == t.to_time, ti.i32)
-                    t = reached(coastal, plan, key, which, t, x, y, time, coast)
-                    if t.over == 1:
-                        state_then = life.ARRIVED
-                else:
-                    t.lon, t.lat, t.time = x, y, time
-                if state == life.UNDER_WAY:
-                    stopped = t.time
-                state = state_then
-                if state != life.UNDER_WAY:
-                    until = end if noted != MOVED else t.time
-            if noted != NOTED and not resting:
-                t.time = stopped
-                if state != life.UNDER_WAY:
-                    columns.status_since[i] = stopped
-                    if state == life.AGROUND:
-                        columns.edge[i] = met
-                x, y = _placed(columns, i, t)
-                # Every column that is touched costs: arrays as large as each other get into each other's way in a cache.
-                if turned == 1:
-                    _aimed(columns, i, t)
-                outside = (
-                    ti.cast(x - terms.west, ti.u32) > terms.width or ti.cast(y - terms.south, ti.u32) > terms.height
-                )
-                if state == life.UNDER_WAY and outside:
-                    state = life.LEFT
-                    columns.status_since[i] = end
-                columns.status[i] = state
+        _moved(
+            apart, coastal, i, shift, columns, plan, coast, terms, elapsed, duration, step, noted, pieces, aside
+        )  # fmt: skip
+    if ti.static(apart):
+        if ti.static(bundle.threads(256)):
+            ti.loop_config(block_dim=256)
+        for p in range(aside[0]):
+            _moved(
+                False, coastal, aside[1 + p], shift, columns, plan, coast, terms, elapsed, duration, step, noted,
+                pieces, aside,
+            )  # fmt: skip
 
 
 @ti.func
@@ -307,6 +372,79 @@ def _aimed(columns: ti.template(), i: ti.i32, t: Target):
     real[Own.COURSE * n + i], real[Own.SPEED * n + i] = t.course, t.speed
 
 
+@ti.func
+def _found_inside(
+    apart: ti.template(),
+    coastal: ti.i32,
+    i: ti.i32,
+    shift: ti.template(),
+    before: ti.template(),
+    plan: ti.template(),
+    coast: ti.template(),
+    terms: ti.template(),
+    elapsed: ti.i32,
+    duration: ti.i32,
+    step: ti.i32,
+    then: ti.i32,
+    half: ti.i32,
+    since: ti.i32,
+    moment: ti.i32,
+    at_lon: ti.template(),
+    at_lat: ti.template(),
+    east: ti.template(),
+    north: ti.template(),
+    aside: ti.template(),
+):
+    """Do with target i what `_inside` does; apart: see `_moved`."""
+    end = elapsed + duration
+    begin, until = ti.max(elapsed, departure(before, i)), ti.min(end, before.release[i])
+    when = then
+    if half >= 0:
+        when = begin + half * (until - begin) // 2
+    if under_way(before, i, end) and when <= until and departure(before, i) <= when:
+        t = loaded(before, i, elapsed)
+        which = before.scenario[i]
+        key = Chance(terms.seed0, terms.seed1, birth(before, i), i + shift[which], step, 0)
+        state = life.UNDER_WAY
+        while t.time < when and state == life.UNDER_WAY:
+            key.count += 1
+            k = wanders(plan, key, t)
+            x, y, time, state_then, _edge = stretch(apart, coastal, plan, key, which, t, k, until, coast)
+            if ti.static(apart):
+                if state_then == LATER:
+                    state = LATER
+                    break
+            if time > when:
+                if t.time < since and since < time:
+                    off_lon, off_lat = set_at(t, since)
+                    t.lon, t.lat, t.time = at_lon[i] - off_lon, at_lat[i] - off_lat, since
+                w = noise.noise_words(terms.seed0, terms.seed1, noise.STREAM_MIDWAY, key.slot, moment)
+                normal = noise.normals(w[0], w[1])
+                t.lon, t.lat = amid(plan, t, k, x, y, time, ti.cast(when, ti.f32), normal)
+                t.time = when
+            else:
+                state = state_then
+                if state == life.UNDER_WAY:
+                    t = reached(apart, coastal, plan, key, which, t, x, y, time, coast)
+                    if t.over == 1:
+                        state = life.ARRIVED
+                else:
+                    t.lon, t.lat, t.time = x, y, time
+            if ti.static(apart):
+                break
+        if state == LATER:
+            _put_aside(i, aside)
+        else:
+            dlon, dlat = set_at(t, t.time)
+            at_lon[i], at_lat[i] = t.lon + dlon, t.lat + dlat
+            east[i], north[i] = 0.0, 0.0
+            if state == life.UNDER_WAY:
+                v = velocity(plan, t)
+                metres = ti.f32(sphere.RADIUS * sphere.UNIT)
+                east[i] = v[0] + t.rate_lon * metres * sphere.cos_lat(at_lat[i])
+                north[i] = v[1] + t.rate_lat * metres
+
+
 @ti.kernel
 def _inside(
     coastal: ti.i32,
@@ -330,47 +468,27 @@ def _inside(
     at_lat: Ints,
     east: Reals,
     north: Reals,
+    aside: Ints,
 ):
+    apart = ti.static(bundle.alone())  # see `_steer`
+    if ti.static(apart):
+        aside[0] = 0
+    if ti.static(bundle.threads(512)):
+        ti.loop_config(block_dim=512)
     for j in range(first, last):
         i = batch.listed_slot(listed, slots, j)
-        end = elapsed + duration
-        begin, until = ti.max(elapsed, departure(before, i)), ti.min(end, before.release[i])
-        when = then
-        if half >= 0:
-            when = begin + half * (until - begin) // 2
-        if under_way(before, i, end) and when <= until and departure(before, i) <= when:
-            t = loaded(before, i, elapsed)
-            which = before.scenario[i]
-            key = Chance(terms.seed0, terms.seed1, birth(before, i), i + shift[which], step, 0)
-            state = life.UNDER_WAY
-            while t.time < when and state == life.UNDER_WAY:
-                key.count += 1
-                k = wanders(plan, key, t)
-                x, y, time, state_then, _edge = stretch(coastal, plan, key, which, t, k, until, coast)
-                if time > when:
-                    if t.time < since and since < time:
-                        off_lon, off_lat = set_at(t, since)
-                        t.lon, t.lat, t.time = at_lon[i] - off_lon, at_lat[i] - off_lat, since
-                    w = noise.noise_words(terms.seed0, terms.seed1, noise.STREAM_MIDWAY, key.slot, moment)
-                    normal = noise.normals(w[0], w[1])
-                    t.lon, t.lat = amid(plan, t, k, x, y, time, ti.cast(when, ti.f32), normal)
-                    t.time = when
-                else:
-                    state = state_then
-                    if state == life.UNDER_WAY:
-                        t = reached(coastal, plan, key, which, t, x, y, time, coast)
-                        if t.over == 1:
-                            state = life.ARRIVED
-                    else:
-                        t.lon, t.lat, t.time = x, y, time
-            dlon, dlat = set_at(t, t.time)
-            at_lon[i], at_lat[i] = t.lon + dlon, t.lat + dlat
-            east[i], north[i] = 0.0, 0.0
-            if state == life.UNDER_WAY:
-                v = velocity(plan, t)
-                metres = ti.f32(sphere.RADIUS * sphere.UNIT)
-                east[i] = v[0] + t.rate_lon * metres * sphere.cos_lat(at_lat[i])
-                north[i] = v[1] + t.rate_lat * metres
+        _found_inside(
+            apart, coastal, i, shift, before, plan, coast, terms, elapsed, duration, step, then, half, since, moment,
+            at_lon, at_lat, east, north, aside,
+        )  # fmt: skip
+    if ti.static(apart):
+        if ti.static(bundle.threads(256)):
+            ti.loop_config(block_dim=256)
+        for p in range(aside[0]):
+            _found_inside(
+                False, coastal, aside[1 + p], shift, before, plan, coast, terms, elapsed, duration, step, then, half,
+                since, moment, at_lon, at_lat, east, north, aside,
+            )  # fmt: skip
 
 
 @ti.func
@@ -398,6 +516,8 @@ def _born(
     terms: Terms,
     tries: Longs,
 ):
+    if ti.static(bundle.threads(256)):
+        ti.loop_config(block_dim=256)
     for j in range(first, last):
         i = batch.listed_slot(listed, slots, j)
         which = columns.scenario[i]
@@ -471,6 +591,11 @@ def terms(seed: int, domain: Any = None) -> dict[str, int]:
     return {"seed0": seed0, "seed1": seed1, **box}
 
 
+def _room_aside(own: Batch) -> Any:
+    """Return where a card puts aside the targets of a batch, and how many it has."""
+    return runtime.empty(1 + (own.last - own.first if bundle.alone() else 0), ti.i32)
+
+
 def packed(columns: Any) -> Any:
     """Return the columns of targets, by name, in a pack."""
     together = rows.whole(columns, WHOLE), rows.whole(columns, REAL)
@@ -497,7 +622,10 @@ def mover(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast 
     """
     sea = (coast or open_sea()).pack
     none = Room(0).pack
-    args = (coast is not None, *own.launched, packed(columns), plan, sea, terms(seed, domain), 0, 1, 0, MOVED, none)
+    args = (
+        coast is not None, *own.launched, packed(columns), plan, sea, terms(seed, domain), 0, 1, 0, MOVED, none,
+        _room_aside(own),
+    )  # fmt: skip
     move = launch.bind(_steer, args, ("elapsed", "duration", "step"))
     return lambda step: move(step.elapsed, step.duration, step.number)
 
@@ -511,7 +639,7 @@ def move_targets(
     """
     fixed = coast is not None, *own.launched, packed(columns), plan, (coast or open_sea()).pack
     every = *fixed, Terms(**terms(seed, domain)), step.elapsed, step.duration, step.number, BOTH
-    return room.enough(lambda pack: _steer(*every, pack))
+    return room.enough(lambda pack: _steer(*every, pack, _room_aside(own)))
 
 
 def write_pieces(before, own: Batch, plan, seed: int, coast: DeviceCoast | None, step, room: Room) -> None:
@@ -520,7 +648,7 @@ def write_pieces(before, own: Batch, plan, seed: int, coast: DeviceCoast | None,
     before: the columns at the step's begin, by name, those of COLUMNS. room: for all slots of the ensemble.
     """
     fixed = coast is not None, *own.launched, packed(before), plan, (coast or open_sea()).pack, Terms(**terms(seed))
-    room.fill(lambda pack: _steer(*fixed, step.elapsed, step.duration, step.number, NOTED, pack))
+    room.fill(lambda pack: _steer(*fixed, step.elapsed, step.duration, step.number, NOTED, pack, _room_aside(own)))
 
 
 def inside(
@@ -539,5 +667,5 @@ def inside(
     _inside(
         coast is not None, *own.launched, packed(before), plan, (coast or open_sea()).pack,
         Terms(**terms(seed, domain)), step.elapsed, step.duration, step.number, when, half, since, moment, *begin,
-        east, north,
+        east, north, _room_aside(own),
     )  # fmt: skip

@@ -305,7 +305,7 @@ def wet(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
     lon, lat = (np.ascontiguousarray(a, np.int32) for a in (lon, lat))
     out = np.ones(lon.size, np.int32)
     if lon.size:
-        _wet(lon, lat, out, coast.pack)
+        _wet(*runtime.residents(lon, lat), out, coast.pack)
     return out == 1
 
 
@@ -317,7 +317,7 @@ def meets(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray, dlon: np.ndarray
     steps = [np.ascontiguousarray(a, np.int32) for a in (lon, lat, dlon, dlat)]
     fraction = np.full(steps[0].size, np.inf, np.float32)
     if fraction.size:
-        _meets(*steps, fraction, coast.pack)
+        _meets(*runtime.residents(*steps), fraction, coast.pack)
     return fraction
 
 
@@ -328,5 +328,5 @@ def crossings(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray, dlon: np.nda
     hit, stop_lon, stop_lat, number = (np.zeros(n, np.int32) for _ in range(4))
     fraction = np.ones(n, np.float32)
     if n:
-        _crossings(*steps, hit, stop_lon, stop_lat, fraction, number, coast.pack)
+        _crossings(*runtime.residents(*steps), hit, stop_lon, stop_lat, fraction, number, coast.pack)
     return Crossings(hit == 1, stop_lon, stop_lat, fraction, number)
