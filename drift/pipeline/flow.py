@@ -144,7 +144,8 @@ def run(
         if shelf.unfinished(job.out):  # it was killed after its results stood, or another run was
             shelf.clear(job.out, fingerprint.fingerprint_of(case, job.where, 1))
         return None
-    with kept(job) as result:  # no other run may begin on the folder before the results stand
+    with kept(job) as made:  # no other run may begin on the folder before the results stand
+        result = replace(made, saved=_save)
         write(result, job)
     if job.out is not None:
         shelf.clear(job.out)
@@ -397,40 +398,58 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
     more: chapters of what was made from the forecast. planned: sorties that are still to be flown, where it is the
     forecast of their failure.
     """
-    if job.out is None:
-        return
-    job.tell("write", 0.0)
-    with job.clock.phase("write"):
-        case, where, after, updates = result.case, job.where, result.aftermath, result.updates
-        failed = on = result.setting
-        if planned is not None:
-            failed = replace(on, imprint=replace(on.imprint, title=f"If this plan finds nothing: {case.title}"))
-        # A plan's folder holds a forecast too, which is that of its failure.
-        chapters = [run_metadata.chapter(case, where, {COMMAND: "plan" if more else "run", **result.summary})]
-        chapters.append(Chapter(leaves=(partial(_surroundings, result, on),)))
-        if after is not None:
-            chapters.append(spill_chapter.chapter(spill_chapter.SpillOutputs(after, on)))
-        if updates is not None:
-            # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
-            search_matter = search_chapter.SearchOutputs(updates, case.contacts, result.forecast, failed, case.sensors)
-            chapters.append(search_chapter.chapter(search_matter, mapped=planned is None))
-        if result.posteriors is not None:
-            chapters.append(posterior_chapter.chapter(posterior_chapter.PosteriorOutputs(result.posteriors, failed)))
-        if result.members is not None:
-            chapters.append(by_member.chapter(result.members))
-        chapters += more
-        if basis := suspension(result, planned):
-            lost = decision.off_map(result.forecast.data)
-            suspend_matter = suspend_chapter.SuspensionOutputs(basis, on.imprint, run_metadata.synthetic(case), lost)
-            chapters.append(suspend_chapter.chapter(suspend_matter))
-        # Legs and contacts would hide small maps; fields and barriers are few lines.
-        sensors = [partial(search_chapter.overlay, (), (), sensors=case.sensors)] if case.sensors.telling else []
-        mapped_at = failed if planned is None else replace(failed, opens=None)  # its map is of the time after the plan
-        forecast_matter = forecast_chapter.ForecastOutputs(
-            result.forecast, result.trajectories, mapped_at, result.overlays, sensors
-        )
-        chapters.insert(0, forecast_chapter.chapter(forecast_matter))
-        publish(job.out, chapters, failed, overwrite=job.overwrite, tell=partial(job.tell, "write"))
+    if job.out is not None:
+        with job.clock.phase("write"):
+            _write(result, job.out, overwrite=job.overwrite, report=job.tell, more=more, planned=planned)
+
+
+def _save(result: Result, out: Path, overwrite: bool) -> None:
+    """Write a run's results later, as `run` would have written them to its `out`."""
+    writer.check_folder(out, overwrite, (*forecast_chapter.FILES, *forecast_chapter.PICTURES))
+    _write(result, out, overwrite=overwrite, report=lambda phase, share: None)
+
+
+def _write(
+    result: Result,
+    out: Path,
+    *,
+    overwrite: bool,
+    report: Report,
+    more: Sequence[Chapter] = (),
+    planned: Planned | None = None,
+) -> None:
+    report("write", 0.0)
+    case, after, updates = result.case, result.aftermath, result.updates
+    failed = on = result.setting
+    if planned is not None:
+        failed = replace(on, imprint=replace(on.imprint, title=f"If this plan finds nothing: {case.title}"))
+    # A plan's folder holds a forecast too, which is that of its failure.
+    facts = {name: words for name, words in on.imprint.attributes.items() if name != "run_id"}  # the writer adds it
+    chapters = [run_metadata.chapter(case, facts, {COMMAND: "plan" if more else "run", **result.summary})]
+    chapters.append(Chapter(leaves=(partial(_surroundings, result, on),)))
+    if after is not None:
+        chapters.append(spill_chapter.chapter(spill_chapter.SpillOutputs(after, on)))
+    if updates is not None:
+        # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
+        search_matter = search_chapter.SearchOutputs(updates, case.contacts, result.forecast, failed, case.sensors)
+        chapters.append(search_chapter.chapter(search_matter, mapped=planned is None))
+    if result.posteriors is not None:
+        chapters.append(posterior_chapter.chapter(posterior_chapter.PosteriorOutputs(result.posteriors, failed)))
+    if result.members is not None:
+        chapters.append(by_member.chapter(result.members))
+    chapters += more
+    if basis := suspension(result, planned):
+        lost = decision.off_map(result.forecast.data)
+        suspend_matter = suspend_chapter.SuspensionOutputs(basis, on.imprint, run_metadata.synthetic(case), lost)
+        chapters.append(suspend_chapter.chapter(suspend_matter))
+    # Legs and contacts would hide small maps; fields and barriers are few lines.
+    sensors = [partial(search_chapter.overlay, (), (), sensors=case.sensors)] if case.sensors.telling else []
+    mapped_at = failed if planned is None else replace(failed, opens=None)  # its map is of the time after the plan
+    forecast_matter = forecast_chapter.ForecastOutputs(
+        result.forecast, result.trajectories, mapped_at, result.overlays, sensors
+    )
+    chapters.insert(0, forecast_chapter.chapter(forecast_matter))
+    publish(out, chapters, failed, overwrite=overwrite, tell=partial(report, "write"))
 
 
 def _surroundings(result: Result, on: Setting) -> list[Any]:
