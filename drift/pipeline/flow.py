@@ -115,13 +115,31 @@ def run(
 ) -> Result | None:
     """Forecast a case; with `out`, write the results there, complete or not at all.
 
-    datasets: the xarray.Datasets that the case's sources name; they are only read, and not kept. report is told what is
-    being done and how much of it is done. memory: [GiB] that it may take, by default half of what is free; a run that
-    needs more is moved in shards, one after another, and with `out` one that was stopped goes on with those that are
-    missing. shards: how many, whatever the memory; no number of them changes a bit of the results. client: a
-    dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it. resume: where `out`
-    holds the results of exactly this run, do nothing and return None; where it holds another's, say what changed and
-    replace them as `overwrite` does, once the new ones are complete. Raises UserError for all that the user can mend.
+    Args:
+        case: of `drift.load` or `drift.vary`.
+        out: a folder for the results, written completely or not at all; None: nothing is written.
+        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
+            read, and not kept.
+        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
+        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
+            A process keeps the backend and the threads that it began with.
+        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
+        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
+            1; `drift.progress` makes one. An exception that it raises ends the run.
+        memory: memory that the run may take [GiB]; None: half of what is free. A run that needs more is moved in shards.
+        shards: into how many parts the particles are cut, moved one after another; None: as the memory asks. No number of
+            them changes a bit of the results.
+        client: a dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it.
+        resume: where `out` holds the results of exactly this run, do nothing and return None; where it holds another run's,
+            log what changed and replace them; where a run in shards was stopped, go on with the missing shards.
+
+    Returns:
+        The forecast: `probability` (time, lat, lon) adds up to 1 over the cells of each time, less what is off the grid;
+        `tables` (pandas), `areas` (geopandas), `particles`, `summary`, `plot()`, `save()`. None only with `resume`.
+
+    Raises:
+        UserError: what a user can change, one line for each mistake (`error.lines`): `out` holds something else,
+            the backend or the number of threads cannot be had, forcing does not cover the run, too many particles are lost.
     """
     if resume and out is None:
         raise UserError("resume = True needs out: without an output folder there is nothing to resume from")
@@ -506,9 +524,26 @@ def origin(
 ) -> backward.Origin:
     """Run a spill backward from its finds to where and when it may have been released.
 
-    With `out`, the results are written there.
-    It proposes where to look: the answer is a forward run weighted by the finds. Raises UserError for all that the user
-    can mend.
+    It proposes where to look: the answer is a forward run weighted by the finds.
+
+    Args:
+        case: with a `[spill]` and at least one `[[find]]`.
+        out: a folder for the results, written completely or not at all; None: nothing is written.
+        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
+            read, and not kept.
+        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
+        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
+            A process keeps the backend and the threads that it began with.
+        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
+        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
+            1; `drift.progress` makes one. An exception that it raises ends the run.
+
+    Returns:
+        The distribution of the release: its map, time and mean place, and how much the finds say of it [bit].
+
+    Raises:
+        UserError: what a user can change, one line for each mistake (`error.lines`): the case is no
+            spill, or no find can have come from the water of the run.
     """
     if case.spill is None:
         raise UserError(f"{case.path.name}: has no [spill]; an origin is estimated from the [[find]]s of a spill")
