@@ -123,3 +123,14 @@ def test_a_library_that_a_bare_system_lacks_is_named_with_its_remedy(
     assert told.startswith("drift: a library of the system is missing (libX11.so.6: ")
     assert told.endswith("apt-get install libx11-6\n")
     assert told.count("\n") == 1
+
+
+def test_the_workflow_of_the_documentation_is_one() -> None:
+    """It runs the files that its page has, with the library that a bare system lacks."""
+    page = (ROOT / "docs" / "howto" / "ci.md").read_text(encoding="utf-8")
+    found = dict(re.findall(r"<!-- file: (\S+) -->\n```\w+\n(.*?)```", page, flags=re.DOTALL))
+    (job,) = yaml.safe_load(found["drift.yml"])["jobs"].values()
+    steps = [step["run"] for step in job["steps"] if "run" in step]
+    assert any("libx11-6" in step for step in steps)
+    assert {name for step in steps for name in re.findall(r"\w+\.(?:py|toml)", step)} == {"raft.toml", "test_raft.py"}
+    assert {"raft.toml", "test_raft.py"} < found.keys()

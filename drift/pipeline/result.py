@@ -67,7 +67,8 @@ class Result:
     def __repr__(self) -> str:
         """Return what it is, in a few lines."""
         rows = "\n".join(f"  {name}: {words}" for name, words in self._told())
-        return f'<drift.Result "{self.case.title}"\n{rows}\n  has: {", ".join(OFFERS)}>'
+        offers = [one for one in OFFERS if one != "save()" or self.saved]
+        return f'<drift.Result "{self.case.title}"\n{rows}\n  has: {", ".join(offers)}>'
 
     @property
     def probability(self) -> xr.DataArray:
