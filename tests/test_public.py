@@ -2,8 +2,10 @@
 
 import ast
 import importlib
+import inspect
 import pkgutil
 import pydoc
+import re
 import subprocess
 import sys
 
@@ -52,3 +54,31 @@ def test_importing_it_does_nothing_heavy() -> None:
     told = "import sys, drift; print(sorted({'numpy', 'taichi', 'xarray', 'pydantic'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout == "[]\n"
+
+
+def functions() -> list[str]:
+    return sorted(name for name in NAMES if inspect.isfunction(getattr(drift, name)))
+
+
+@pytest.mark.parametrize("name", functions())
+def test_help_explains_each_argument_result_and_error(name: str) -> None:
+    """In the order of the signature, and no argument that is not there; units are in brackets."""
+    function = getattr(drift, name)
+    parts = re.split(r"^(Args|Returns|Raises):$", inspect.getdoc(function) or "", flags=re.MULTILINE)
+    found = dict(zip(parts[1::2], parts[2::2], strict=True))
+    listed = re.findall(r"^    (\w+(?:, \w+)*): ", found["Args"], flags=re.MULTILINE)
+    assert [one for words in listed for one in words.split(", ")] == list(inspect.signature(function).parameters)
+    assert name == "serve" or found["Returns"].strip()
+    assert name == "progress" or "UserError: " in found["Raises"]
+
+
+def test_help_of_a_run_says_units_and_shapes() -> None:
+    shown = pydoc.render_doc(drift.run, renderer=pydoc.plaintext)
+    for words in (
+        "memory that the run may take [GiB]",
+        "(time, lat, lon)",
+        "threads of the CPU",
+        "sources of the case with",
+    ):
+        assert words in shown
+    assert "(outputs, particles)" in (inspect.getdoc(drift.run_many) or "")

@@ -1,5 +1,7 @@
 """A result in Python and in a notebook, against the files of the same run as other libraries read them."""
 
+import dataclasses
+import json
 import re
 from base64 import b64decode
 from io import BytesIO
@@ -8,6 +10,7 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pandas as pd
+import pint
 import pytest
 import shapely
 import xarray as xr
@@ -48,7 +51,7 @@ position = { at = [179.98, -19.22], error = "6 nmi" }
 def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[drift.Result, Path]:
     folder = tmp_path_factory.mktemp("result")
     (folder / "case.toml").write_text(CASE, encoding="utf-8")
-    return drift.run(drift.load(folder / "case.toml"), folder / "results"), folder / "results"
+    return drift.run(drift.load(folder / "case.toml")).save(folder / "results"), folder / "results"
 
 
 def test_tables_are_those_of_the_files(ran: tuple[drift.Result, Path]) -> None:
@@ -157,3 +160,50 @@ def test_a_notebook_shows_it(ran: tuple[drift.Result, Path]) -> None:
     assert matplotlib.image.imread(BytesIO(picture)).shape[1] > 800
     mean = ran[0].tables["track"]["mean_position"].iloc[-1]
     assert mean in shown
+
+
+@pytest.mark.thorough
+def test_a_result_is_saved_as_the_run_would_have_written_it(ran: tuple[drift.Result, Path], tmp_path: Path) -> None:
+    """The same files, the same bytes in tables, the same keys in the same order."""
+    result, folder = ran
+    drift.run(result.case, tmp_path / "now")
+    assert [path.name for path in drift.results(tmp_path / "now")] == [path.name for path in drift.results(folder)]
+    for path in folder.glob("*.csv"):
+        assert (tmp_path / "now" / path.name).read_bytes() == path.read_bytes()
+    names = [list(json.loads((at / "summary.json").read_text(encoding="utf-8"))) for at in (folder, tmp_path / "now")]
+    assert names[0] == names[1]
+
+
+def test_a_folder_of_results_is_replaced_only_if_asked(ran: tuple[drift.Result, Path], tmp_path: Path) -> None:
+    result, folder = ran
+    assert len(drift.results(folder)) > 10
+    with pytest.raises(drift.UserError, match=r"overwrite = True"):
+        result.save(folder)
+    with pytest.raises(drift.UserError, match="part of a plan"):
+        dataclasses.replace(result, saved=None).save(tmp_path / "plan")
+
+
+def test_maps_are_one_netcdf_file(ran: tuple[drift.Result, Path], tmp_path: Path) -> None:
+    result, folder = ran
+    for _ in range(2):  # the second takes the place of the first, as xarray's
+        result.to_netcdf(tmp_path / "maps.nc")
+    with xr.open_dataset(tmp_path / "maps.nc") as own, xr.open_dataset(folder / "forecast.nc") as written:
+        xr.testing.assert_equal(own, written)
+        assert {name for name in written.attrs if written.attrs[name] != own.attrs[name]} <= {"history", "date_created"}
+    with pytest.raises(drift.UserError, match="cannot be written"):
+        result.to_netcdf(tmp_path / "missing" / "maps.nc")
+
+
+def test_tables_have_units_of_their_numbers(ran: tuple[drift.Result, Path]) -> None:
+    """As pint reads them; all but numbers of rows, and those of posteriors, whose unit is a column."""
+    result, _ = ran
+    ureg = pint.UnitRegistry()
+    ureg.define("degrees_east = degree")
+    ureg.define("degrees_north = degree")
+    for name, table in result.tables.items():
+        units = table.attrs["units"]
+        assert all(ureg.Unit(unit if unit != "1" else "") is not None for unit in units.values())
+        bare = set(table.dropna(axis=1, how="all").select_dtypes("number").columns) - set(units)
+        assert not {column for column in bare if not re.fullmatch(r"update|rank|mean|std|q\d\d|value", column)}, name
+    assert result.tables["track"].attrs["units"]["area_95_nmi2"] == "nmi**2"
+    assert result.tables["track"].attrs["units"]["mean_lon"] == "degrees_east"

@@ -62,8 +62,24 @@ def signature(function: Any) -> str:
     return f"({arguments}){result}"
 
 
+SECTION = re.compile(r"^(Args|Returns|Raises):\n((?: {4}.*\n?|\n(?= {4}))+)", re.MULTILINE)
+HEADINGS = {"Args": "Arguments", "Returns": "Returns", "Raises": "Raises"}
+
+
+def _section(match: re.Match[str]) -> str:
+    """Return a section of a docstring as Markdown: items of arguments and errors, a paragraph of what is returned."""
+    lines = textwrap.dedent(match[2])
+    if match[1] != "Returns":
+        items = re.split(r"\n(?! )", lines.strip())
+        lines = "\n".join(re.sub(r"^([\w, ]+):", r"- `\1`:", " ".join(item.split())) for item in items)
+        lines = re.sub(r"`(\w+), (\w+)`", r"`\1`, `\2`", lines)
+    return f"**{HEADINGS[match[1]]}**\n\n{lines.strip()}\n\n"
+
+
 def _docstring(thing: Any, names: Iterable[str] = ()) -> str:
     """Return a docstring as Markdown, with an item for each "name: meaning" of a parameter or field."""
+    if SECTION.search(inspect.getdoc(thing) or ""):
+        return SECTION.sub(_section, (inspect.getdoc(thing) or "") + "\n")
     text = re.sub(r"(?<![`\w])\*(?![\s*])", r"\*", inspect.getdoc(thing) or "").replace("[[", "\\[[")
     listed = "|".join(map(re.escape, names))
     if listed:

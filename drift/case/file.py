@@ -52,9 +52,17 @@ def load(
 ) -> Case:
     """Return the case of a TOML file, or of a shipped case's name.
 
-    overrides: {"clock.step": "10 min", "scenario.0.weight": "0.3"}: places in the file and TOML values. along: quantities,
-    "current", "wind", "stokes", that columns of a drifters' file give (`drift.verify`, `drift.fit_errors`), so that the
-    case needs no source of them. Raises one UserError for whatever is wrong with it, a line for each mistake.
+    Args:
+        name: a path, or a name that `drift cases` lists.
+        overrides: {"clock.step": "10 min", "scenario.0.weight": "0.3"}: places in the file and TOML values, as text.
+        along: quantities, "current", "wind", "stokes", that columns of a drifters' file give (`drift.verify`,
+            `drift.fit_errors`), so that the case needs no source of them.
+
+    Returns:
+        The case, validated; times in UTC, places in radians, SI units.
+
+    Raises:
+        UserError: one for all that is wrong with it, a line for each mistake (`error.lines`).
     """
     path, text = _read(name)
     try:
@@ -86,10 +94,18 @@ def is_of_tracking(data: Mapping[str, Any]) -> bool:
 def vary(case: Case, changes: Mapping[str, Any]) -> Case:
     """Return a case with some places of its file changed, validated as a file is.
 
-    changes: {"start": np.datetime64("2026-11-21T18:30"), "scenario.0.position.at": [4.33, 60.17], "seed": 7}: places as
-    in `load`, with the values that TOML would have there, lists, tables and times of NumPy among them; None takes a key
-    away. What the case states in relation to its start, such as a release "+2 h", goes along with it. Raises one
-    UserError for whatever is wrong with it, a line for each mistake.
+    What the case states in relation to its start, such as a release "+2 h", goes along with it.
+
+    Args:
+        case: of `drift.load` or `drift.vary`; it stays as it is.
+        changes: {"start": np.datetime64("2026-11-21T18:30"), "scenario.0.position.at": [4.33, 60.17], "seed": 7}: places as in `load`,
+            with the values that TOML would have there, lists, tables and times of NumPy among them; None takes a key away.
+
+    Returns:
+        The changed case.
+
+    Raises:
+        UserError: one for all that is wrong with it, a line for each mistake (`error.lines`).
     """
     data, text, wrong = deepcopy(dict(case.tables)), case.text, Mistakes()
     for key, value in changes.items():

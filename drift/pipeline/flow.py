@@ -115,13 +115,31 @@ def run(
 ) -> Result | None:
     """Forecast a case; with `out`, write the results there, complete or not at all.
 
-    datasets: the xarray.Datasets that the case's sources name; they are only read, and not kept. report is told what is
-    being done and how much of it is done. memory: [GiB] that it may take, by default half of what is free; a run that
-    needs more is moved in shards, one after another, and with `out` one that was stopped goes on with those that are
-    missing. shards: how many, whatever the memory; no number of them changes a bit of the results. client: a
-    dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it. resume: where `out`
-    holds the results of exactly this run, do nothing and return None; where it holds another's, say what changed and
-    replace them as `overwrite` does, once the new ones are complete. Raises UserError for all that the user can mend.
+    Args:
+        case: of `drift.load` or `drift.vary`.
+        out: a folder for the results, written completely or not at all; None: nothing is written.
+        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
+            read, and not kept.
+        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
+        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
+            A process keeps the backend and the threads that it began with.
+        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
+        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
+            1; `drift.progress` makes one. An exception that it raises ends the run.
+        memory: memory that the run may take [GiB]; None: half of what is free. A run that needs more is moved in shards.
+        shards: into how many parts the particles are cut, moved one after another; None: as the memory asks. No number of
+            them changes a bit of the results.
+        client: a dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it.
+        resume: where `out` holds the results of exactly this run, do nothing and return None; where it holds another run's,
+            log what changed and replace them; where a run in shards was stopped, go on with the missing shards.
+
+    Returns:
+        The forecast: `probability` (time, lat, lon) adds up to 1 over the cells of each time, less what is off the grid;
+        `tables` (pandas), `areas` (geopandas), `particles`, `summary`, `plot()`, `save()`. None only with `resume`.
+
+    Raises:
+        UserError: what a user can change, one line for each mistake (`error.lines`): `out` holds something else,
+            the backend or the number of threads cannot be had, forcing does not cover the run, too many particles are lost.
     """
     if resume and out is None:
         raise UserError("resume = True needs out: without an output folder there is nothing to resume from")
@@ -144,7 +162,8 @@ def run(
         if shelf.unfinished(job.out):  # it was killed after its results stood, or another run was
             shelf.clear(job.out, fingerprint.fingerprint_of(case, job.where, 1))
         return None
-    with kept(job) as result:  # no other run may begin on the folder before the results stand
+    with kept(job) as made:  # no other run may begin on the folder before the results stand
+        result = replace(made, saved=_save)
         write(result, job)
     if job.out is not None:
         shelf.clear(job.out)
@@ -397,40 +416,58 @@ def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Pl
     more: chapters of what was made from the forecast. planned: sorties that are still to be flown, where it is the
     forecast of their failure.
     """
-    if job.out is None:
-        return
-    job.tell("write", 0.0)
-    with job.clock.phase("write"):
-        case, where, after, updates = result.case, job.where, result.aftermath, result.updates
-        failed = on = result.setting
-        if planned is not None:
-            failed = replace(on, imprint=replace(on.imprint, title=f"If this plan finds nothing: {case.title}"))
-        # A plan's folder holds a forecast too, which is that of its failure.
-        chapters = [run_metadata.chapter(case, where, {COMMAND: "plan" if more else "run", **result.summary})]
-        chapters.append(Chapter(leaves=(partial(_surroundings, result, on),)))
-        if after is not None:
-            chapters.append(spill_chapter.chapter(spill_chapter.SpillOutputs(after, on)))
-        if updates is not None:
-            # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
-            search_matter = search_chapter.SearchOutputs(updates, case.contacts, result.forecast, failed, case.sensors)
-            chapters.append(search_chapter.chapter(search_matter, mapped=planned is None))
-        if result.posteriors is not None:
-            chapters.append(posterior_chapter.chapter(posterior_chapter.PosteriorOutputs(result.posteriors, failed)))
-        if result.members is not None:
-            chapters.append(by_member.chapter(result.members))
-        chapters += more
-        if basis := suspension(result, planned):
-            lost = decision.off_map(result.forecast.data)
-            suspend_matter = suspend_chapter.SuspensionOutputs(basis, on.imprint, run_metadata.synthetic(case), lost)
-            chapters.append(suspend_chapter.chapter(suspend_matter))
-        # Legs and contacts would hide small maps; fields and barriers are few lines.
-        sensors = [partial(search_chapter.overlay, (), (), sensors=case.sensors)] if case.sensors.telling else []
-        mapped_at = failed if planned is None else replace(failed, opens=None)  # its map is of the time after the plan
-        forecast_matter = forecast_chapter.ForecastOutputs(
-            result.forecast, result.trajectories, mapped_at, result.overlays, sensors
-        )
-        chapters.insert(0, forecast_chapter.chapter(forecast_matter))
-        publish(job.out, chapters, failed, overwrite=job.overwrite, tell=partial(job.tell, "write"))
+    if job.out is not None:
+        with job.clock.phase("write"):
+            _write(result, job.out, overwrite=job.overwrite, report=job.tell, more=more, planned=planned)
+
+
+def _save(result: Result, out: Path, overwrite: bool) -> None:
+    """Write a run's results later, as `run` would have written them to its `out`."""
+    writer.check_folder(out, overwrite, (*forecast_chapter.FILES, *forecast_chapter.PICTURES))
+    _write(result, out, overwrite=overwrite, report=lambda phase, share: None)
+
+
+def _write(
+    result: Result,
+    out: Path,
+    *,
+    overwrite: bool,
+    report: Report,
+    more: Sequence[Chapter] = (),
+    planned: Planned | None = None,
+) -> None:
+    report("write", 0.0)
+    case, after, updates = result.case, result.aftermath, result.updates
+    failed = on = result.setting
+    if planned is not None:
+        failed = replace(on, imprint=replace(on.imprint, title=f"If this plan finds nothing: {case.title}"))
+    # A plan's folder holds a forecast too, which is that of its failure.
+    facts = {name: words for name, words in on.imprint.attributes.items() if name != "run_id"}  # the writer adds it
+    chapters = [run_metadata.chapter(case, facts, {COMMAND: "plan" if more else "run", **result.summary})]
+    chapters.append(Chapter(leaves=(partial(_surroundings, result, on),)))
+    if after is not None:
+        chapters.append(spill_chapter.chapter(spill_chapter.SpillOutputs(after, on)))
+    if updates is not None:
+        # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
+        search_matter = search_chapter.SearchOutputs(updates, case.contacts, result.forecast, failed, case.sensors)
+        chapters.append(search_chapter.chapter(search_matter, mapped=planned is None))
+    if result.posteriors is not None:
+        chapters.append(posterior_chapter.chapter(posterior_chapter.PosteriorOutputs(result.posteriors, failed)))
+    if result.members is not None:
+        chapters.append(by_member.chapter(result.members))
+    chapters += more
+    if basis := suspension(result, planned):
+        lost = decision.off_map(result.forecast.data)
+        suspend_matter = suspend_chapter.SuspensionOutputs(basis, on.imprint, run_metadata.synthetic(case), lost)
+        chapters.append(suspend_chapter.chapter(suspend_matter))
+    # Legs and contacts would hide small maps; fields and barriers are few lines.
+    sensors = [partial(search_chapter.overlay, (), (), sensors=case.sensors)] if case.sensors.telling else []
+    mapped_at = failed if planned is None else replace(failed, opens=None)  # its map is of the time after the plan
+    forecast_matter = forecast_chapter.ForecastOutputs(
+        result.forecast, result.trajectories, mapped_at, result.overlays, sensors
+    )
+    chapters.insert(0, forecast_chapter.chapter(forecast_matter))
+    publish(out, chapters, failed, overwrite=overwrite, tell=partial(report, "write"))
 
 
 def _surroundings(result: Result, on: Setting) -> list[Any]:
@@ -487,9 +524,26 @@ def origin(
 ) -> backward.Origin:
     """Run a spill backward from its finds to where and when it may have been released.
 
-    With `out`, the results are written there.
-    It proposes where to look: the answer is a forward run weighted by the finds. Raises UserError for all that the user
-    can mend.
+    It proposes where to look: the answer is a forward run weighted by the finds.
+
+    Args:
+        case: with a `[spill]` and at least one `[[find]]`.
+        out: a folder for the results, written completely or not at all; None: nothing is written.
+        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
+            read, and not kept.
+        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
+        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
+            A process keeps the backend and the threads that it began with.
+        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
+        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
+            1; `drift.progress` makes one. An exception that it raises ends the run.
+
+    Returns:
+        The distribution of the release: its map, time and mean place, and how much the finds say of it [bit].
+
+    Raises:
+        UserError: what a user can change, one line for each mistake (`error.lines`): the case is no
+            spill, or no find can have come from the water of the run.
     """
     if case.spill is None:
         raise UserError(f"{case.path.name}: has no [spill]; an origin is estimated from the [[find]]s of a spill")

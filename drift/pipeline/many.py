@@ -71,12 +71,28 @@ def run_many(
 ) -> Iterator[Brief]:
     """Give the forecasts of cases, in their order, each as soon as it is made.
 
-    cases: of `drift.load` and `drift.vary`; they need have nothing in common. datasets: the xarray.Datasets that any of
-    them names. maps: False for particles alone, "last" for the map of each forecast's last output, True for all its
-    maps, as `drift.run` makes them; maps are made while the next forecasts drift, so that a forecast comes when AHEAD
-    more have drifted. report is told what is being done and how many forecasts are done, as a share. A case that cannot
-    be forecast gives a Brief with `error`, a UserError, and the others go on. Spills have no forecast in
-    brief: theirs is such an error. Raises UserError where no case can run, for the backend say.
+    Each is the forecast that `drift.run` makes of its case alone, bit for bit. Files and coast are opened once, kernels are
+    compiled once. It is a generator: what is not kept is freed.
+
+    Args:
+        cases: of `drift.load` and `drift.vary`; they need have nothing in common. Spills have no forecast in brief: theirs is an
+            error.
+        datasets: the xarray.Datasets that sources of any of them with `dataset = "name"` name, by that name; they are only
+            read, and not kept.
+        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
+        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
+            A process keeps the backend and the threads that it began with.
+        maps: False for particles alone, "last" for the map of each forecast's last output, True for all its maps, as `drift.run`
+            makes them. Maps are made while the next forecasts drift: a forecast comes when AHEAD more have drifted.
+        report: is called with "forecasts" and the share of the forecasts that is done, 0 to 1.
+
+    Returns:
+        An iterator of a `drift.Brief` for each case: `lon`, `lat` [degrees], `status` and `probability` of all particles, each
+        of shape (outputs, particles), and `times` (outputs,). Of a case that cannot be forecast it has an `error`, a
+        UserError, in place of particles, and the others go on.
+
+    Raises:
+        UserError: no case can run: `maps` is none of the three, the backend or the number of threads cannot be had.
     """
     if maps not in (False, True, "last"):
         raise UserError(f'maps = {maps!r}: give False, "last" or True')

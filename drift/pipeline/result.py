@@ -3,11 +3,13 @@
 import base64
 import html
 import io
+import os
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 import pandas
@@ -28,7 +30,7 @@ from drift.forecast.build import Forecast
 from drift.forecast.by_member import Members
 from drift.forecast.products import tables as forecast_tables
 from drift.forecast.tracks import Trajectories
-from drift.products.files import formats
+from drift.products.files import formats, units, writer
 from drift.products.maps.imprint import Setting
 from drift.spills.worlds.products import tables as washup_tables
 from drift.spills.worlds.renewal import Aftermath
@@ -36,7 +38,9 @@ from geo import notation
 from geo.errors import UserError
 from geo.notation import NMI
 
-OFFERS = ("probability", "particles", "tables", "areas", "plot()", "washup", "summary", "forecast", "case")
+OFFERS = (
+    "probability", "particles", "tables", "areas", "plot()", "save()", "to_netcdf()", "washup", "summary", "forecast", "case",
+)  # fmt: skip
 ISO = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")  # as geo.notation.iso writes times
 
 
@@ -56,11 +60,15 @@ class Result:
     posteriors: Posteriors | None = None  # of what is not position; None: nothing steers and nothing was seen
     flows: Mapping[str, Flow] = field(default_factory=dict)  # winds and currents of the likeliest story, for arrows
     members: Members | None = None  # of an ensemble of winds and currents; None: there is none
+    saved: Callable[["Result", Path, bool], None] | None = (
+        None  # writes it to a folder; None: of a plan or a comparison
+    )
 
     def __repr__(self) -> str:
         """Return what it is, in a few lines."""
         rows = "\n".join(f"  {name}: {words}" for name, words in self._told())
-        return f'<drift.Result "{self.case.title}"\n{rows}\n  has: {", ".join(OFFERS)}>'
+        offers = [one for one in OFFERS if one != "save()" or self.saved]
+        return f'<drift.Result "{self.case.title}"\n{rows}\n  has: {", ".join(offers)}>'
 
     @property
     def probability(self) -> xr.DataArray:
@@ -79,7 +87,10 @@ class Result:
 
     @property
     def tables(self) -> dict[str, pandas.DataFrame]:
-        """The tables of the run by name, those of its CSV files; times as in `probability`: UTC, datetime64[ns]."""
+        """The tables of the run by name, those of its CSV files; times as in `probability`: UTC, datetime64[ns].
+
+        `attrs["units"]` of each has the units of its columns by name, as pint reads them: "nmi**2", "degrees_east".
+        """
         run = formats.run_id(self.setting.imprint.attributes)
         texts = {
             "track": forecast_tables.track(self.forecast, run),
@@ -114,6 +125,39 @@ class Result:
         columns = ["time", "share", "area_nmi2", "geometry"]
         frame = geopandas.GeoDataFrame(rows, columns=columns, geometry="geometry", crs="EPSG:4326")
         return frame.astype({"time": "datetime64[ns]"})
+
+    def save(self, out: str | os.PathLike[str], *, overwrite: bool = False) -> Self:
+        """Write all files of the run into a folder, completely or not at all, as `drift.run(case, out)` does.
+
+        Args:
+            out: the folder.
+            overwrite: whether results that it holds are replaced.
+
+        Returns:
+            The result itself, so that `drift.run(case).save("results")` can be read on.
+
+        Raises:
+            UserError: the folder cannot be written, or holds something; or the result is part of a plan, which
+                `drift.plan(case, out)` writes whole.
+        """
+        if self.saved is None:
+            raise UserError(
+                "a forecast that is part of a plan is written with it: give the function that plans its out"
+            )
+        self.saved(self, Path(out), overwrite)
+        return self
+
+    def to_netcdf(self, path: str | os.PathLike[str] = "forecast.nc") -> None:
+        """Write the forecast's maps to one netCDF file, as forecast.nc of the run; a file that is there is replaced.
+
+        Args:
+            path: the file. `xarray.open_dataset(path)` reads it.
+
+        Raises:
+            UserError: it cannot be written.
+        """
+        facts, warnings = self.setting.imprint.attributes, self.summary["warnings"]
+        writer.write_netcdf(Path(path), self.forecast.data, "forecast", facts, warnings)
 
     def plot(self, time: Any = None) -> Any:
         """Return the map of an output time as a matplotlib.figure.Figure; time: np.datetime64 or text, by default that of map.png.
@@ -189,7 +233,9 @@ def _frame(text: str) -> pandas.DataFrame:
     frame = pandas.read_csv(io.StringIO(text))
     times = [name for name in frame.columns if _is_time(name, frame[name].dropna())]
     parsed = {name: pandas.to_datetime(frame[name], utc=True).dt.tz_localize(None) for name in times}
-    return frame.assign(**{name: column.astype("datetime64[ns]") for name, column in parsed.items()})
+    whole = frame.assign(**{name: column.astype("datetime64[ns]") for name, column in parsed.items()})
+    whole.attrs["units"] = units.units_of(whole.select_dtypes("number").columns)
+    return whole
 
 
 def _is_time(name: str, given: Any) -> bool:

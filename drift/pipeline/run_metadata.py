@@ -52,10 +52,10 @@ def attributes(case: Case, where: Environment) -> dict[str, str]:
     }
 
 
-def chapter(case: Case, where: Environment, numbers: Mapping[str, Any]) -> Chapter:
-    """Return the chapter of a run itself; numbers: of its summary."""
+def chapter(case: Case, facts: Mapping[str, str], numbers: Mapping[str, Any]) -> Chapter:
+    """Return the chapter of a run itself; facts: its attributes; numbers: of its summary."""
     told = (partial(_leaves, case, numbers),)
-    return Chapter(numbers, leaves=told, facts=attributes(case, where), warnings=tuple(numbers["warnings"]))
+    return Chapter(numbers, leaves=told, facts=facts, warnings=tuple(numbers["warnings"]))
 
 
 def _leaves(case: Case, numbers: Mapping[str, Any]) -> list[Any]:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import taichi as ti
 
-from geo import waiting
+from geo import errors, waiting
 from geo.errors import UserError
 from kernels.runtime import devices, drivers, taichi_way
 from kernels.runtime.devices import Choice, Device
@@ -98,12 +98,13 @@ def start(backend: str = "cpu", threads: int | None = None, lanes: int | None = 
         else:
             choice = Choice(None if backend == "cpu" else devices.usable(drivers.ask(backend)), "")
             if choice.device is not None and choice.device.kind == "software":
-                LOG.warning("drift: --backend %s: %s is a software device: for tests", backend, choice.device.name)
+                words = f"--backend {backend}: {choice.device.name} is a software device: for tests"
+                LOG.warning("drift: %s", errors.named(words))
             _init(backend, count, choice.device)
         taken = choice.device.backend if choice.device else "cpu"
         told = f"--backend {AUTO} takes {taken}: {choice.why}" if backend == AUTO else ""
         if told:
-            LOG.log(logging.WARNING if choice.missed else logging.INFO, "drift: %s", told)
+            LOG.log(logging.WARNING if choice.missed else logging.INFO, "drift: %s", errors.named(told))
         _started.update(backend=taken, threads=count, thread=threading.get_ident(), device=choice.device)
         _started["told"] = "" if choice.missed else told
 
@@ -208,7 +209,7 @@ def _check_same(backend: str, threads: int | None) -> None:
     """Refuse another backend or number of threads than those that run, and a graphics card from another thread."""
     if backend != _started["backend"] or threads not in (None, _started["threads"]):
         raise UserError(
-            f"--backend/--threads: this process already runs {_started['backend']} with {_started['threads']} threads; "
+            f"--backend and --threads: this process already runs {_started['backend']} with {_started['threads']} threads; "
             f"start a new process for {backend} with {threads or 'all'}"
         )
     if backend != "cpu" and threading.get_ident() != _started["thread"]:

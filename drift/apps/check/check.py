@@ -36,9 +36,18 @@ CHECKED = 10_000  # particles that a check draws
 def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, str]:
     """Return how a case was understood, having opened all and drawn a few particles; run nothing.
 
-    datasets: the xarray.Datasets that its sources name.
+    Args:
+        case: of `drift.load` or `drift.vary`.
+        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
+            read, and not kept.
 
-    Raises UserError for all that a run would refuse at its start; "warning" tells of what it would refuse at its end.
+    Returns:
+        Facts by name, in the words of `drift check`: "run", "errors", "coast" .. A fact "warning" says what a run would
+        reject at its end.
+
+    Raises:
+        UserError: what a user can change, one line for each mistake (`error.lines`): all that a run would reject at
+            its start.
     """
     runtime.start()
     where = run_setup.open_for(case, datasets, shore.thinned)

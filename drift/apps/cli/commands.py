@@ -18,6 +18,7 @@ from contextlib import suppress
 from drift.apps.cli import answer, bridges, experiments, export, fetch, grammar, jobs, lists, reach, serve, terminal
 from drift.apps.cli.answer import Answer
 from drift.products.files import interrupt
+from geo import errors
 from geo.errors import UserError
 
 COMMANDS: dict[str, Callable[[argparse.Namespace], Answer]] = {
@@ -48,9 +49,16 @@ NO_MEMORY = (
     "annot allocate memory",
 )  # what libraries say, in errors of all kinds
 
+NO_LIBRARY = ": cannot open shared object file"  # what the loader says of one; a bare image lacks Taichi's libX11
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
+    with errors.of_a_command():
+        return _run(argv)
+
+
+def _run(argv: Sequence[str] | None) -> int:
     terminal.open_streams()
     # NumPy's, which a user cannot mend; tests take them as errors.
     warnings.filterwarnings("ignore", category=RuntimeWarning)
@@ -85,6 +93,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             fewer = "" if isinstance(error, ImportError | OSError) else "take fewer particles, or "
             why = str(error) or "no more could be allocated"
             words = f"not enough memory ({why}); {fewer}raise the limit (ulimit -v), if there is one"
+            print(f"drift: {words}", file=sys.stderr)
+            return _failed(argv, 2, [words])
+        if isinstance(error, ImportError) and NO_LIBRARY in str(error):
+            words = f"a library of the system is missing ({error}); install it, on Debian and Ubuntu libX11 by: apt-get install libx11-6"
             print(f"drift: {words}", file=sys.stderr)
             return _failed(argv, 2, [words])
         traceback.print_exc()

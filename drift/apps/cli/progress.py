@@ -65,9 +65,16 @@ def _beneath_cell() -> Iterator[Report]:
 
 @contextmanager
 def progress(case: Case | None = None, *, quiet: bool = False) -> Iterator[Report]:
-    """Give a function that shows how far a job is, for its `report`, where somebody sees it and it is not to be quiet.
+    """Give a function that shows how far a job is, for its `report`: `with drift.progress(case) as report:`.
 
-    That is a terminal, by standard error, or a notebook. case: of which hours a second are told on a terminal.
+    It shows a bar on a terminal, by standard error, or in a notebook; elsewhere nothing.
+
+    Args:
+        case: whose simulated hours a second are shown on a terminal; None: shares alone.
+        quiet: whether nothing is shown anywhere.
+
+    Returns:
+        A context with the function (phase, share of it that is done, 0 to 1).
     """
     if os.environ.get("DRIFT_PROGRESS") == "lines":
         yield sparing(line)

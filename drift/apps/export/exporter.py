@@ -33,12 +33,21 @@ def export(
     times: Sequence[str] = (),
     overwrite: bool = False,
 ) -> list[Path]:
-    """Write a finished run in a format of other programs; return the paths of the files.
+    """Write a finished run in a format of other programs.
 
-    folder: what `run`, `plan` or `origin` wrote, whole (see `results`). format: "kml", "kmz", "gpx", "geojson", "geotiff"
-    or "rtz" (of plans); of an origin "kml", "gpx" or "geojson".
-    out: a folder, by default FOLDER-FORMAT in the current one. times: outputs that are wanted, all by default, such as
-    ["+12 h", "221200ZNOV26"]. Raises UserError, and writes nothing, where that cannot be.
+    Args:
+        folder: what `run`, `plan` or `origin` wrote, whole (see `results`).
+        format: "kml", "kmz", "gpx", "geojson", "geotiff" or "rtz" (of plans); of an origin "kml", "gpx" or "geojson".
+        out: a folder; None: FOLDER-FORMAT in the current one.
+        times: outputs that are wanted, such as ["+12 h", "221200ZNOV26"]; () for all.
+        overwrite: whether an earlier export that `out` holds is replaced.
+
+    Returns:
+        The paths of the files.
+
+    Raises:
+        UserError: the folder is not whole, the format does not suit it, a time is no output, or `out` holds something; then
+            nothing is written.
     """
     if format not in FORMATS:
         raise UserError(f'format "{format}" is not known; there are {", ".join(FORMATS)}')

@@ -228,9 +228,25 @@ def fetch(
 ) -> Fetched:
     """Fetch winds and currents for a case, or a box and a span, into a folder; an interrupted fetch goes on.
 
-    box: west, south, east, north [deg]; begin, end: in place of the case's; providers: names of the catalogue, by default
-    for each quantity the first that asks for no credentials; quantities: "current" and "wind" unless said; largest
-    [bytes]: more is refused; timeout [s] of each question; report: takes what is being done, and the share that is done.
+    Args:
+        case: a file, a shipped case's name or a `Case`, whose area and times are fetched; None with `box`, `begin` and `end`.
+        box: west, south, east, north [degrees].
+        begin, end: in place of the case's times; UTC, np.datetime64 or text such as "221200ZNOV26".
+        providers: names of the catalogue; (): for each quantity the first that asks for no credentials.
+        quantities: "current", "wind", "stokes"; (): current and wind.
+        out: the folder of the files.
+        catalogue: a file of providers of your own; None: that of the user's configuration, where there is one.
+        largest: size beyond which an order is rejected [bytes].
+        timeout: of each question to a server [s].
+        overwrite: whether what an earlier order left in `out` is replaced.
+        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
+            1; `drift.progress` makes one. An exception that it raises ends the run.
+
+    Returns:
+        The files, and the tables of a case that name them.
+
+    Raises:
+        UserError: the order is too large, no provider has it, a server does not answer, or `out` holds another order.
     """
     where, first, last = ordered_span(case, box, begin, end)
     ordered = orders(

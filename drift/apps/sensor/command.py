@@ -28,10 +28,25 @@ def sensor_reach(
 ) -> Reach:
     """Return where a sensor of a case would hear, or see, a target by one look; nothing is run.
 
-    out: a folder for sensor.png, sensor.nc and sensor.csv. time: as a case writes it, "211830ZNOV26" or "+6 h"; by
-    default the start of the case, or of the one sortie that carries the sensor. at: "36 00N 070 00W", of a sensor whose
-    table does not say; heading [deg]: of its array. beams: numbers from 1, by default all. scenario: whose source level
-    is heard, by default the likeliest; speed: "8 kn", where the level goes by it. Raises UserError for what does not fit.
+    Args:
+        case: of `drift.load` or `drift.vary`, with a `[[sensor]]` of that name.
+        name: of the sensor.
+        out: a folder for sensor.png, sensor.nc and sensor.csv; None: nothing is written.
+        time: as a case writes it, "211830ZNOV26" or "+6 h"; None: the start of the case, or of the one sortie that carries the
+            sensor.
+        at: "36 00N 070 00W", of a sensor whose table does not say.
+        heading: of its array [degrees from north].
+        beams: numbers from 1; None: all.
+        scenario: whose source level is heard; None: the likeliest.
+        speed: "8 kn", where the level goes by it.
+        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
+
+    Returns:
+        What one look detects by bearing [rad] and range [m] and on a grid (lat, lon), and how far it detects with 50 % [m], shape
+        (360,) by bearing.
+
+    Raises:
+        UserError: no such sensor, or its place, heading, time or speed is missing or does not fit.
     """
     folder = None if out is None else Path(out)
     question = asked.question(

@@ -38,11 +38,20 @@ def serve(
 ) -> None:
     """Serve a folder of cases and results as a page for this machine's browser, until interrupted.
 
-    host: where it listens, this machine alone by default; port: by default 8765 or the next free one; allow: files and
-    folders, besides the served one and that of DRIFT_DATA, that cases may read; allow_host: hosts of addresses that
-    they may ask ("host" or "host:port"); hours, memory [GiB]: the most that a job may take, by default 12 h and what the
-    machine has; backend: where particles of jobs move; browser: whether it is opened; say: prints a line. Raises
-    UserError where the folder, the port or the backend will not do.
+    Args:
+        folder: of the cases and results; its jobs write nowhere else.
+        host: where it listens, this machine alone by default.
+        port: None: 8765 or the next free one.
+        allow: files and folders, besides the served one and that of DRIFT_DATA, that cases may read.
+        allow_host: hosts of addresses that cases may ask, "host" or "host:port".
+        hours: the most that a job may take [h].
+        memory: the most that a job may take [GiB]; None: what the machine has.
+        backend: where particles of jobs move, as for `drift.run`.
+        browser: whether it is opened.
+        say: prints a line.
+
+    Raises:
+        UserError: the folder, the port or the backend cannot be used, or the extra `serve` is not installed.
     """
     try:
         import uvicorn

@@ -25,9 +25,21 @@ def track(
 ) -> Regained:  # fmt: skip
     """Return the track of a target by the detections there are, and its areas.
 
-    name: of a tracking case with `detections`, or its file. out: a folder for the track, its areas and a picture, all or
-    none; where there is no path to be had the rest is written, and `chased` says why. changes: as --set has them. tell:
-    takes what is being done, and the share of it that is done. Raises UserError for all that the user can mend.
+    Args:
+        name: of a tracking case with `detections`, or its file.
+        out: a folder for the track, its areas and a picture, all or none; None: nothing is written.
+        changes: places in the file and TOML values, {"particles": "4000"}, as --set has them.
+        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
+            A process keeps the backend and the threads that it began with.
+        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
+        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
+        tell: takes what is being done, and the share of it that is done, 0 to 1.
+
+    Returns:
+        In `held` the track by time and its areas; in `chased` with a `[pursuit]` the path, or why there is none.
+
+    Raises:
+        UserError: what a user can change, one line for each mistake (`error.lines`).
     """
     folder = None if out is None else Path(out)
     if folder is not None:

@@ -53,9 +53,27 @@ def compare(
     """Run two cases on the same random numbers and say how b differs from a; with `out`, write that there.
 
     b takes the particles of each scenario, the seed and the grid of a; without a grid one is chosen that holds both.
-    plan: whether the next search of each is planned too, and what the plans find compared. datasets: the
-    xarray.Datasets that the sources of either name. Raises UserError for cases that do not compare, and
-    for all that the user can mend.
+
+    Args:
+        a, b: of `drift.load` or `drift.vary`.
+        out: a folder for the results, written completely or not at all; None: nothing is written.
+        plan: whether the next search of each is planned too, and what the plans find compared.
+        datasets: the xarray.Datasets that sources of either with `dataset = "name"` name, by that name; they are only
+            read, and not kept.
+        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
+        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
+            A process keeps the backend and the threads that it began with.
+        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
+        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
+            1; `drift.progress` makes one. An exception that it raises ends the run.
+
+    Returns:
+        Both results, and `differences`: a pandas.DataFrame of each figure of a, of b, their difference and its standard error by
+        chance alone, in the row's `unit` (SI), by time; `data` has the maps.
+
+    Raises:
+        UserError: what a user can change, one line for each mistake (`error.lines`): cases that
+            cannot be held to the same particles, and what `drift.run` rejects.
     """
     if out is not None:
         writer.check_folder(Path(out), overwrite, (*chapter.FILES, *chapter.PICTURES))

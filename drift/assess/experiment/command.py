@@ -29,9 +29,24 @@ def experiment(
 ) -> Experiment:  # fmt: skip
     """Return what many runs of a case came to, and with `out` write tables and a picture into a folder, all or none.
 
-    name: of a case of drift run, or of a tracking case, whose ways of following are compared. changes, variants, figures:
-    as of drift.assess.experiment.ordinary.run; a tracking case takes changes alone. runs: how many. tell: takes what is being
-    done, and the share of it that is done. Raises UserError for all that the user can mend.
+    Args:
+        name: of a case of `drift run`, or of a tracking case, whose ways of following are compared; or its file.
+        out: a folder for the results, written completely or not at all; None: nothing is written.
+        changes: places in the file and TOML values, {"particles": "4000"}, for all runs.
+        variants: the same by the name of each variant, on common random numbers; a tracking case takes none.
+        figures: numbers of summary.json to follow, by their places there; a tracking case takes none.
+        runs: how many, with a seed each; None: 20.
+        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
+            A process keeps the backend and the threads that it began with.
+        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
+        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
+        tell: takes what is being done, and the share of it that is done, 0 to 1.
+
+    Returns:
+        Means, standard errors and quantiles of each figure by variant, and their differences.
+
+    Raises:
+        UserError: what a user can change, one line for each mistake (`error.lines`).
     """
     if runs is not None and runs < 1:
         raise UserError(f"--runs {runs} must be at least 1")

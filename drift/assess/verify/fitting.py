@@ -105,11 +105,29 @@ def fit_errors(
 ) -> Fit:
     """Return the errors of a case's forcing that suit the tracks of drifters.
 
-    files: a file of tracks, or tracks. columns: {"current_east": "u", ..}: the model's values at the drifter's places,
-    from columns of its file. gap: longest time between fixes [s] over which ways are compared. fastest: speed [m/s]
-    beyond which a fix is not believed. ends_aground: whether a drifter whose track ends near the shore ran aground
-    there. held_out: whether to fit half of the drifters, or half of the days of one, as
-    well, and test that on the others. Raises UserError.
+    Args:
+        case: whose forcing is held against the drifters.
+        files: a file of tracks (CSV or netCDF), or tracks.
+        columns: the model's values at the drifter's places from columns of its file, {"current_east": "u", ..} [m/s], which are
+            then used everywhere about it.
+        gap: longest time between fixes [s] over which ways are compared.
+        fastest: speed [m/s] beyond which a fix is not believed.
+        ends_aground: whether a drifter whose track ends near the shore ran aground there.
+        held_out: whether to fit half of the drifters, or half of the days of one, as well, and test that on the others.
+        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
+            read, and not kept.
+        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
+        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
+            A process keeps the backend and the threads that it began with.
+        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
+            1; `drift.progress` makes one. An exception that it raises ends the run.
+
+    Returns:
+        Windage, standard deviation [m/s], decorrelation time [s], bias [m/s] and diffusivity [m2/s], with standard errors, and
+        the `[uncertainty]` to paste into a case.
+
+    Raises:
+        UserError: no track is left, or they are too few to fit to.
     """
     tell = report or (lambda phase, share: None)
     tell("read", 0.0)

@@ -137,14 +137,36 @@ def verify(
     overwrite: bool = False,
     report: Report | None = None,
 ) -> Verification:
-    """Forecast drifters from many starts, and return how well that went.
+    """Forecast drifters from many starts, and return how well that went; with `out`, write that there.
 
-    With `out` the results are written there. files: a file of tracks, or tracks. every: time between starts [s]; hours:
-    length of a forecast; error: radius [m] that holds half of the starts' errors. columns: {"current_east": "u", ..}:
-    the model's values at the drifter's place, from columns of its file, which are then used everywhere about it. gap:
-    longest time between fixes [s] that a forecast may span; fastest: speed [m/s] beyond which a fix is not believed.
-    ends_aground: whether a drifter whose track ends near the shore ran aground there, and is scored there until the end.
-    Raises UserError.
+    Args:
+        case: whose forcing, object and errors the forecasts have.
+        files: a file of tracks (CSV or netCDF), or tracks.
+        out: a folder for the results, written completely or not at all; None: nothing is written.
+        every: time between starts [s], 600 at least.
+        hours: length of a forecast [h], whole hours, 1 to 720.
+        error: radius [m] that holds half of the starts' errors.
+        columns: the model's values at the drifter's places from columns of its file, {"current_east": "u", ..} [m/s], which are
+            then used everywhere about it.
+        gap: longest time between fixes [s] that a forecast may span.
+        fastest: speed [m/s] beyond which a fix is not believed.
+        ends_aground: whether a drifter whose track ends near the shore ran aground there, and is scored there until the end.
+        particles: of each forecast, 500 at least.
+        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
+            read, and not kept.
+        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
+        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
+            A process keeps the backend and the threads that it began with.
+        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
+        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
+            1; `drift.progress` makes one. An exception that it raises ends the run.
+
+    Returns:
+        By lead time: separation of mean and drifter [m], skill beside staying put, share of drifters in each area (0 to 1), with
+        standard errors clustered by drifter and day.
+
+    Raises:
+        UserError: no drifter can be followed for so long, or all forecasts are rejected.
     """
     from drift.assess.verify import chapter  # here: it knows what a verification is
 

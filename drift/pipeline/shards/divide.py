@@ -85,7 +85,7 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
         if shards not in (None, 1) or workers:
             raise UserError(
                 f'[resampling] method = "{case.resampling.method}" goes by an estimate of all particles: run it in one piece, without '
-                "--shards, --workers or --cluster"
+                "--shards or --workers or --cluster"
             )
         whole = (BASE + case.particles * held(case)) / GIB
         if whole > machine_memory.free() / GIB:

@@ -54,8 +54,31 @@ def plan(
 ) -> tuple[Plan, Result]:
     """Plan the next search of a case; with `out`, write it and the forecast of its failure.
 
-    The folder is written completely or not at all. memory, shards, client: of the forecast that scores the plan, as
-    drift.run takes them. Raises UserError for all that the user can mend.
+    The folder is written completely or not at all, with the forecast of the plan's failure.
+
+    Args:
+        case: of `drift.load` or `drift.vary`.
+        out: a folder for the results, written completely or not at all; None: nothing is written.
+        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
+            read, and not kept.
+        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
+        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
+            A process keeps the backend and the threads that it began with.
+        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
+        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
+            1; `drift.progress` makes one. An exception that it raises ends the run.
+        memory: memory that the run may take [GiB]; None: half of what is free. A run that needs more is moved in shards.
+        shards: into how many parts the particles are cut, moved one after another; None: as the memory asks. No number of
+            them changes a bit of the results.
+        client: a dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it.
+
+    Returns:
+        The plan and the forecast: `plan.taskings` has a sub-area, legs [m], times [UTC], track spacing [m] and POS (0 to 1) for each
+        sortie, `plan.value` the objective, POS or the probability of finding alive, `plan.bound` what no plan exceeds; the `drift.Result` as if the plan found nothing.
+
+    Raises:
+        UserError: what a user can change, one line for each mistake (`error.lines`): the case has no `[[unit]]` or
+            `[plan]`, or what `drift.run` rejects.
     """
     check(case)
     job = open_job(

@@ -299,8 +299,16 @@ def summary(folder: Path, name: str) -> dict[str, Any] | None:
 def results(folder: str | os.PathLike[str]) -> list[Path]:
     """Return the files of the finished run that a folder holds, once all are as the run wrote them.
 
-    Raises UserError, one line, where it holds none, or which file is missing or was changed. Where a dead process left
-    results half replaced, the old ones are put back first.
+    Where a dead process left results half replaced, the old ones are put back first.
+
+    Args:
+        folder: that `out` named.
+
+    Returns:
+        The paths, sorted by name, of all files that manifest.json lists.
+
+    Raises:
+        UserError: it holds none, or a file is missing or was changed; one line says which.
     """
     folder = Path(folder)
     if not folder.is_dir():

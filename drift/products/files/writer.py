@@ -9,7 +9,7 @@ all files. Data depend on the chapters alone; the date of creation stands in att
 import json
 import os
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -56,15 +56,7 @@ def write(
     """
     publication.check(folder, overwrite)
     joined = chapter.join_contents(chapters)
-    warning = {"warning": "; ".join(joined.warnings)} if joined.warnings else {}
-    now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-    stamped = {
-        **joined.facts,
-        **warning,
-        "run_id": formats.run_id(joined.facts),
-        "history": f"{now} {joined.facts.get('source', 'casp-drift')}",
-        "date_created": now,
-    }
+    stamped = _stamped(joined.facts, joined.warnings)
 
     def fill(place: Path) -> None:
         with drawing.begun(joined.pictures, place, processes) as finish:
@@ -77,6 +69,27 @@ def write(
             digest(place / name)
 
     return whole(folder, stamped["run_id"], fill, overwrite=overwrite)
+
+
+def write_netcdf(path: Path, data: xr.Dataset, name: str, facts: Stamped, warnings: Sequence[str]) -> None:
+    """Write one file of a run, as it is in the folder of results; name: what it is called there, without its ending."""
+    try:
+        _netcdf(discovery.described(data, _stamped(facts, warnings), name), path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
+def _stamped(facts: Stamped, warnings: Sequence[str]) -> Stamped:
+    """Return the attributes that every file of a run carries."""
+    warning = {"warning": "; ".join(warnings)} if warnings else {}
+    now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+    return {
+        **facts,
+        **warning,
+        "run_id": formats.run_id(facts),
+        "history": f"{now} {facts.get('source', 'casp-drift')}",
+        "date_created": now,
+    }
 
 
 def whole(folder: Path, run_id: str, fill: Callable[[Path], None], *, overwrite: bool) -> list[Path]:

@@ -546,7 +546,7 @@ def test_an_origin_for_other_programs(released: Path, tmp_path: Path) -> None:
             UserError, match=f"come from drift origin, and {form} is for forecasts; give kml, gpx, geojson"
         ):
             drift.export(released, form, tmp_path / "no")
-    with pytest.raises(UserError, match="has no output times; remove --time"):
+    with pytest.raises(UserError, match="has no output times; remove time"):
         drift.export(released, "kml", tmp_path / "no", times=["+0 h"])
 
 

@@ -92,5 +92,5 @@ def test_boxes() -> None:
     assert box_of("350,-10,370,5") == Box(-10, -10, 10, 5)
     assert box_of("0,-80,360,80").east - box_of("0,-80,360,80").west == 360
     for text in ("1,2,3", "a,b,c,d", "4,61,7,59", "nan,1,2,3"):
-        with pytest.raises(UserError, match="--box"):
+        with pytest.raises(UserError, match="box"):
             box_of(text)

@@ -198,15 +198,15 @@ def test_the_command_tells_and_writes(tmp_path: Path, capsys: pytest.CaptureFixt
 
 WRONG: dict[str, tuple[str, dict[str, Any], str]] = {
     "another name": ("", {"name": "aray"}, 'no sensor "aray" in case.toml; did you mean "array"? there are: array'),
-    "no place": ("towed", {}, 'where is sensor "array"? Neither its table (at) nor one sortie says; give --at'),
-    "no heading": ("towed", {"at": "36 00N 070 00W"}, 'sensor "array" has an array: give its --heading, like 045'),
+    "no place": ("towed", {}, 'where is sensor "array"? Neither its table (at) nor one sortie says; give at'),
+    "no heading": ("towed", {"at": "36 00N 070 00W"}, 'sensor "array" has an array: give its heading, like 045'),
     "two places": ("", {"at": "36 00N 070 00W"}, 'sensor "array" stands where its table says'),
-    "no position": ("towed", {"at": "here"}, "--at: "),
-    "a beam too many": ("", {"beams": [2]}, "--beams: beams [2] must be numbers from 1 to 1"),
-    "no scenario": ("", {"scenario": "lowd"}, '--scenario: no scenario "lowd"; did you mean "loud"?'),
-    "a speed in metres": ("", {"speed": "8 m"}, "--speed: "),
-    "no time": ("", {"time": "noon"}, "--time: "),
-    "a heading beyond the circle": ("towed", {"at": "36 00N 070 00W", "heading": "400"}, "--heading: "),
+    "no position": ("towed", {"at": "here"}, "at: "),
+    "a beam too many": ("", {"beams": [2]}, "beams: beams [2] must be numbers from 1 to 1"),
+    "no scenario": ("", {"scenario": "lowd"}, 'scenario: no scenario "lowd"; did you mean "loud"?'),
+    "a speed in metres": ("", {"speed": "8 m"}, "speed: "),
+    "no time": ("", {"time": "noon"}, "time: "),
+    "a heading beyond the circle": ("towed", {"at": "36 00N 070 00W", "heading": "400"}, "heading: "),
 }
 
 

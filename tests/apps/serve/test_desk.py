@@ -782,7 +782,7 @@ def test_a_port_that_is_not_ours_is_a_line(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(socket.socket, "bind", refuse)
     with pytest.raises(
         UserError,
-        match=r"^port 80 of 127.0.0.1 is not yours to take, as those below 1024 mostly are not; give another with --port$",
+        match=r"^port 80 of 127.0.0.1 is not yours to take, as those below 1024 mostly are not; give another with port$",
     ):
         drift.serve(tmp_path, port=80)
     with pytest.raises(UserError, match=r"ports 8765 to 8785 of 127.0.0.1 cannot be taken"):

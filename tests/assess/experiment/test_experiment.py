@@ -84,9 +84,9 @@ def test_differences_are_of_runs_that_share_their_numbers() -> None:
     [
         ({"figures": ["outputs.-1.area_nmi2.94%"]}, "no such number in the summary of this case, as it is; some are: outputs.-1.area_nmi2.95%"),
         ({"variants": {"x": {"duration": "1 parsec"}}}, "duration"),
-        ({"variants": {"as it is": {"particles": "100"}}}, '--with "as it is": so the case is called without changes; take another name'),
-        ({"variants": {"a": {"seed": "9"}}}, '--with "a": seed is of all variants, whose random numbers are common; give --seed'),
-        ({"runs": 0}, "--runs 0 must be at least 1"),
+        ({"variants": {"as it is": {"particles": "100"}}}, 'variants "as it is": so the case is called without changes; take another name'),
+        ({"variants": {"a": {"seed": "9"}}}, 'variants "a": seed is of all variants, whose random numbers are common; give --seed'),
+        ({"runs": 0}, "runs = 0 must be at least 1"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_run_is_refused_before_the_first_or_after_one(

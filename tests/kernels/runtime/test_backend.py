@@ -103,7 +103,7 @@ def test_auto_falls_back_to_the_processor_in_one_line(tmp_path: Path, full: bool
         pytest.skip("there is a card here")
     assert done.stdout.split("\n")[-2] == "[3.0, 3.0, 3.0] ''"
     assert done.stderr.count("\n") == 1
-    assert done.stderr.startswith("drift: --backend auto takes cpu: ")
+    assert done.stderr.startswith('drift: backend = "auto" takes cpu: ')
     wanted = "1.0 MiB of its memory are free, and a run needs 1.0 GiB" if full else "Card, CUDA 12.4 does not start ("
     assert wanted in done.stderr
 
@@ -113,7 +113,7 @@ def test_a_software_device_is_taken_where_it_is_asked_for_and_said_to_be_for_tes
         pytest.skip("the driver of Vulkan is a card's")
     done = program(tmp_path, "runtime.start('vulkan'); print(doubled())")
     assert done.stdout == "[3.0, 3.0, 3.0]\n"
-    assert done.stderr == f"drift: --backend vulkan: {lavapipe().name} is a software device: for tests\n"
+    assert done.stderr == f'drift: backend = "vulkan": {lavapipe().name} is a software device: for tests\n'
 
 
 def test_a_software_device_that_may_compute_wrongly_is_refused_and_the_remedies_work(
@@ -125,7 +125,7 @@ def test_a_software_device_that_may_compute_wrongly_is_refused_and_the_remedies_
     done = program(tmp_path, "devices.MESA = 1000\nruntime.start('vulkan')")
     last = done.stderr.splitlines()[-1]
     assert "which may compute wrongly and say nothing; install Mesa 1000 or later (Debian 12: " in last
-    assert last.endswith("or use --backend cpu")
+    assert last.endswith('or use backend = "cpu"')
     assert (
         program(tmp_path, "devices.MESA = 1000\nruntime.start('cpu'); print(doubled())").stdout == "[3.0, 3.0, 3.0]\n"
     )
@@ -136,7 +136,7 @@ def test_a_card_that_fills_up_on_the_way_is_a_line(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(runtime, "_started", {"backend": "cuda", "threads": 2, "thread": -1, "device": CARD})
     with (
         pytest.raises(
-            UserError, match=r"^--backend cuda: Card is full; end other .* more --shards, or use --backend cpu$"
+            UserError, match=r'^backend = "cuda": Card is full; end other .* more shards, or use backend = "cpu"$'
         ),
         runtime.telling_full(),
     ):

@@ -128,9 +128,9 @@ def test_why_a_device_of_vulkan_cannot_be_used(differs: dict, why: str) -> None:
 
 def test_a_backend_that_is_asked_for_and_cannot_be_used_is_refused_with_what_to_do() -> None:
     assert devices.usable(Listed("cuda", (CARD,))) is CARD
-    with pytest.raises(UserError, match=r"^--backend cuda: no cuda; install cuda, or use --backend cpu$"):
+    with pytest.raises(UserError, match=r'^backend = "cuda": no cuda; install cuda, or use backend = "cpu"$'):
         devices.usable(NONE["cuda"])
-    with pytest.raises(UserError, match=r"^--backend metal: it is macOS's; use --backend cpu$"):
+    with pytest.raises(UserError, match=r"""^backend = "metal": it is macOS's; use backend = "cpu"$"""):
         devices.usable(Listed("metal", (), "it is macOS's"))
     full = Device("cuda", 0, "Card", "discrete", "CUDA 12.4", 8 * GIB, 0, *devices.fullness(0))
     with pytest.raises(UserError, match=r"Card: 0\.0 MiB of its memory are free, .*; end other programs on the card"):

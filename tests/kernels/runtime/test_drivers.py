@@ -164,7 +164,9 @@ def test_metal_is_for_apple(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_tracks_are_refused_on_metal_which_has_no_float64(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runtime, "backend", lambda: "metal")
-    with pytest.raises(UserError, match=r"^--backend metal: tracks are followed in float64, .*; use --backend cpu$"):
+    with pytest.raises(
+        UserError, match=r'^backend = "metal": tracks are followed in float64, .*; use backend = "cpu"$'
+    ):
         clouds.follow(False, 1, 1, {}, {}, {}, {}, {}, None)
 
 

@@ -79,7 +79,7 @@ def test_shards_that_do_not_fit_into_the_card_are_refused_and_more_are_not(
     on_card(8 * GIB)
     with pytest.raises(
         UserError,
-        match=r"^--shards 2: 50,000,000 particles at once take 10\.4 GiB of the graphics card, of which 8\.0 GiB are free; give more shards$",
+        match=r"^shards = 2: 50,000,000 particles at once take 10\.4 GiB of the graphics card, of which 8\.0 GiB are free; give more shards$",
     ):
         divide.number(case, None, 2)
     assert divide.number(case, None, 3) == 3

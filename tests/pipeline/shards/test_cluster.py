@@ -415,7 +415,7 @@ def test_workers_search(client: Any, tmp_path: Path) -> None:
 
 
 def test_workers_have_no_gpu(case: drift.Case, client: Any) -> None:
-    with pytest.raises(drift.UserError, match="--backend cuda: workers move particles on processors"):
+    with pytest.raises(drift.UserError, match='backend = "cuda": workers move particles on processors'):
         drift.run(case, client=client, backend="cuda")
 
 

@@ -399,13 +399,13 @@ def test_the_memory_of_workers_chooses_the_shards(case: drift.Case) -> None:
     assert divide.number(many, 2.4, None, two) == -(-100_000_000 // int(room / divide.HELD))
     with pytest.raises(
         drift.UserError,
-        match=r"--memory 2 \(GiB\): 3 processes on one machine take 2\.1 GiB at least; .* fewer workers",
+        match=r"memory = 2 \(GiB\): 3 processes on one machine take 2\.1 GiB at least; .* fewer workers",
     ):
         divide.number(many, 2.0, None, two)
     limited = divide.Workers(2, 3, 8 * gib, 0.8 * gib)  # dask lets each take no more
     room = 0.8 * gib - divide.BASE
     assert divide.number(many, 1e6, None, limited) == -(-100_000_000 // int(room / divide.HELD))
-    with pytest.raises(drift.UserError, match=r"--shards 4: so large they take 5\.4 GiB, and --memory is 1 \(GiB\)"):
+    with pytest.raises(drift.UserError, match=r"shards = 4: so large they take 5\.4 GiB, and memory is 1 \(GiB\)"):
         divide.number(many, 1, 4)
     assert divide.number(many, 1, 400) == 400
     with pytest.raises(drift.UserError, match=r"memory = '4 GB': give a number of GiB"):

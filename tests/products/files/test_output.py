@@ -297,7 +297,7 @@ def test_overwrite_replaces_ours_and_keeps_the_rest(tmp_path):
     write_little(folder)
     (folder / "notes.txt").write_text("mine")
     (folder / "track.csv").write_text("old")
-    with pytest.raises(UserError, match=r"is not empty; .*--overwrite"):
+    with pytest.raises(UserError, match=r"is not empty; .*overwrite = True"):
         write_little(folder)
     assert (folder / "track.csv").read_text() == "old"
     write_little(folder, overwrite=True)
