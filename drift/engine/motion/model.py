@@ -49,7 +49,7 @@ class Model:
     terms: Callable[[Errors, Scenario], Terms]
     # Draws the columns' first values, of a scenario's slots.
     draw: Callable[[Ensemble, Slots, Key, Scenario, Errors], None]
-    # Returns what moves a group of scenarios over a step; int: direction in time.
+    # Returns what moves a group of scenarios over steps, see kernels.step.advance.Move; int: direction in time.
     # Device array (4 n,) or None: takes how each way departs from its chord.
     mover: Callable[[Ensemble, Group, Waters, int, Any], kernel.Move]
     # Takes positions on to a time inside a step, in place; terms by scenario, None for those that move by another model.

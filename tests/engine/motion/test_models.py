@@ -26,10 +26,10 @@ METRES = sphere.RADIUS * sphere.UNIT  # of a unit of latitude
 def mover(ensemble: Ensemble, group: Group, waters: object, direction: int, bend: object) -> kernel.Move:
     """Move particles north at their own speed times the terms: a model without noise, forcing or coast."""
 
-    def move(step: kernel.Step) -> None:
+    def move(step: kernel.Step, count: int = 1) -> None:
         lat, speed = ensemble.lat.to_numpy(), ensemble.own["speed"].to_numpy()
         own = slice(group.batch.first, group.batch.last)
-        lat[own] += np.rint(direction * group.terms[0] * speed[own] * step.duration / METRES).astype(np.int32)
+        lat[own] += np.rint(direction * group.terms[0] * speed[own] * count * step.duration / METRES).astype(np.int32)
         ensemble.lat.from_numpy(lat)
         status = ensemble.status.to_numpy()
         status[own] = Status.ADRIFT
