@@ -2,7 +2,7 @@
 
 import gc
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -400,6 +400,13 @@ def test_a_case_changed_in_python_is_another(tmp_path: Path) -> None:
     assert case_digest.digest(drift.load(case.path)) == case_digest.digest(case)
 
 
+@dataclass(frozen=True)
+class Nothing:
+    """What stands for a run's result, and holds nothing of it."""
+
+    saved: object = None
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -426,7 +433,7 @@ def test_a_shard_that_is_done_leaves_nothing_in_memory(
         return reel
 
     monkeypatch.setattr(unit.Unit, "move", moved)
-    monkeypatch.setattr(flow, "build_result", lambda job, run: None)
+    monkeypatch.setattr(flow, "build_result", lambda job, run: Nothing())
     gc.collect()
     gc.disable()
     try:
