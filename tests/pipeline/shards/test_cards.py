@@ -115,7 +115,7 @@ def test_a_forecast_in_brief_that_the_card_does_not_hold_is_refused(
 def test_more_particles_than_an_array_counts_are_refused(tmp_path: Path, on_card: Callable[[int], None]) -> None:
     """By hand: (2^31 - 2) / 10 are 214,748,364 near a coast on a card, and (2^31 - 2) / 6 are 357,913,941 elsewhere."""
     many = case_of(tmp_path, 357_913_942)
-    with pytest.raises(UserError, match=r"^--shards 1: 357,913,942 particles at once; at most 357,913,941 can be"):
+    with pytest.raises(UserError, match=r"^shards = 1: 357,913,942 particles at once; at most 357,913,941 can be"):
         divide.number(many, None, 1)
     assert divide.number(many, None, 2) == 2
     assert divide.number(case_of(tmp_path, 357_913_941), None, 1) == 1
