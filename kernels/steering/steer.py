@@ -171,7 +171,7 @@ def stretch(
     until: ti.i32,
     coast: ti.template(),
 ):
-    """Return (lon, lat, time, state, edge) at the reckoned end of a target's next piece, or where it meets the shore.
+    """Return (lon, lat, time, state, edge) at the expected end of a target's next piece, or where it meets the shore.
 
     apart: whether the state is LATER where a way point is reached or the shore may be met.
     """

@@ -118,7 +118,7 @@ class Forcing:
         Args:
             low: when the step begins [s since 1970], in calendar time.
             high: when it ends.
-            count: of the steps, as long as the first, whose slices must be those of the first: see `alike`.
+            count: of the steps, as long as the first, whose slices must be those of the first: see `same_slices`.
         """
         forth = self._direction * (high - low)
         steps = [[s[0].bracket(low + k * forth, high + k * forth) for s in self._slices] for k in range(count)]
@@ -133,7 +133,7 @@ class Forcing:
             return None
         return (bracket.low, bracket.high) if self._direction > 0 else (bracket.high, bracket.low)
 
-    def alike(self, one: tuple[int, int], other: tuple[int, int]) -> bool:
+    def same_slices(self, one: tuple[int, int], other: tuple[int, int]) -> bool:
         """Return whether two steps, low and high [s since 1970] each, lie between the same slices of all sources."""
         both = ((s[0].bracket(*one), s[0].bracket(*other)) for s in self._slices)  # members have the same times
         return all((a and (a.earlier, a.later)) == (b and (b.earlier, b.later)) for a, b in both)

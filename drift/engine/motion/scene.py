@@ -69,7 +69,7 @@ class Scene:
         """Move all slots over one step, in place: first what steers, each until its distress, then what is adrift.
 
         Return where they began the step, if it is to be kept. count: also move them over the steps after it, so many in
-        all, none of which is kept: see `at_once` and Forcing.alike.
+        all, none of which is kept: see `at_once` and Forcing.same_slices.
         """
         self.forcing.set(low, high, count)
         helm, at_helm = self.helm(ensemble), None
@@ -90,7 +90,7 @@ class Scene:
 
     def at_once(self, ensemble: Ensemble) -> int:
         """Return how many steps `advance` makes in one go at most. The results do not depend on it."""
-        if self.steering is not None or self.guided is not None:  # they are asked about every step
+        if self.steering is not None:  # it is asked about every step
             return 1
         most: int = min(sample.MOST, AT_ONCE // max(ensemble.n, 1))
         return max(1, most)

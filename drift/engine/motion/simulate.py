@@ -200,7 +200,7 @@ def _joins(
         and step.elapsed - begun.elapsed < at_once * step.duration
         and not (due and due[0] < step.elapsed + step.duration)
         and (search is None or (search.rests(begun) and search.rests(step)))
-        and forcing.alike((first.low, first.high), (timed.low, timed.high))
+        and forcing.same_slices((first.low, first.high), (timed.low, timed.high))
     )
 
 

@@ -201,10 +201,9 @@ class SearchFilter:
         return sorted({t for t in times if after < t <= until} | self._observers.stops(after, until, step))
 
     def rests(self, step: Step) -> bool:
-        """Return whether nothing looks on or takes effect in a step, and nothing that did waits to be drawn from."""
+        """Return whether nothing looks on or takes effect in a step."""
         end = step.elapsed + step.duration
-        busy = self._happened or self._looks_on(step.elapsed, end)
-        return not (busy or self.stops(max(step.elapsed, 0), end, step))
+        return not (self._looks_on(step.elapsed, end) or self.stops(max(step.elapsed, 0), end, step))
 
     def before(self, elapsed: int, duration: int) -> bool:
         """Take the markers of sorties over a step, for which the forcing is set; return whether any is flown in it."""

@@ -1,6 +1,6 @@
 """Steps that one launch makes together end as they do one by one, to the bit."""
 
-from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -72,7 +72,8 @@ def moved(direction: int, place: dict[str, Any]) -> tuple[dict[str, np.ndarray],
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Scene, "advance", counted)
-        clock = Clock(START, OUTPUTS[-1], direction, STEP)
+        cut = START + direction * 7250  # not between slices: the parts of that step are made by themselves
+        clock = Clock(START, OUTPUTS[-1], direction, STEP, breaks=(cut,))
         moments = list(simulate.run(ensemble, surroundings, clock, np.array(OUTPUTS)))
     surroundings.forcing.close()
     assert sum(counts) == len(list(clock.steps()))
@@ -107,17 +108,63 @@ def test_steps_made_together_end_as_one_by_one(
         assert np.array_equal(values, together[name], equal_nan=True), name
 
 
-def test_a_search_is_not_asked_while_nothing_happens(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its weights, updates and positions are those of a run that asks it about every step."""
-    case = drift.vary(drift.load("overdue_boat"), {"particles": 3000})
-    asked: list[Callable[..., bool]] = []
+CASE = """
+start = "2026-11-21T00:00Z"
+duration = "12 h"
+particles = 3000
+seed = 5
+output.every = "6 h"
+clock.step = "15 min"
+resampling = { below = 0.9 }
+[coast]
+source = "none"
+[[current]]
+constant = { speed = "0.4 kn", toward = 70 }
+[[wind]]
+constant = { speed = "8 m/s", from = 260 }
+[uncertainty]
+diffusivity = "10 m2/s"
+current = { std = "0.1 m/s", time = "6 h", bias = "0.05 m/s" }
+wind = { std = "1.1 m/s", time = "9 h" }
+[[scenario]]
+name = "a"
+object = { windage = "3 %" }
+position = { at = [-0.03, 0.02], std = ["2000 m", "800 m"], orientation = 30 }
+"""
+SEEN = """
+[[contact]]
+name = "strobe"
+time = "+3.1 h"
+position = { at = [0.03, 0.03], std = "3000 m" }
+"""
+FOUND = """
+[[contact]]
+name = "oar"
+time = "+6.1 h"
+of = { windage = "4 %" }
+position = { at = [0.11, 0.05], std = "200 m" }
+"""
+
+
+@pytest.mark.parametrize("contact", [SEEN, FOUND], ids=["a sighting", "debris that guides particles"])
+def test_a_search_is_not_asked_while_nothing_happens(
+    contact: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its updates, copies and particles are those of a run that asks it about every step."""
+    (tmp_path / "case.toml").write_text(CASE + contact)
+    case = drift.load(tmp_path / "case.toml")
+    asked: list[object] = []
     together = drift.run(case)
     monkeypatch.setattr(scene, "AT_ONCE", 1)
     monkeypatch.setattr("drift.evidence.filter.filter.SearchFilter.rests", lambda own, step: asked.append(step))
     alone = drift.run(case)
-    assert asked
+    assert len(asked) == 48
     assert together.particles.equals(alone.particles)
     assert together.updates is not None
     assert alone.updates is not None
     for one, other in zip(together.updates.all, alone.updates.all, strict=True):
-        np.testing.assert_equal((one.name, one.pos, one.posterior), (other.name, other.pos, other.posterior))
+        np.testing.assert_equal((one.name, one.posterior), (other.name, other.posterior))
+        assert one.resampled
+        assert one.ess_resampled == other.ess_resampled
+    for name in ("mean_lon", "containment_area", "effective_particles"):
+        assert together.forecast.data[name].equals(alone.forecast.data[name]), name

@@ -1,4 +1,4 @@
-"""Drawing anew with 300 scenarios: what all particles and each scenario weigh, their mean and covariance stay, over 80 repetitions.
+"""Resampling with 300 scenarios: what all particles and each scenario weigh, their mean and covariance stay, over 80 repetitions.
 
 Each figure is a sum over particles of weight times a value, so that its mean over repetitions is that before. Tolerances are three standard
 errors of that mean, from the scatter of the repetitions themselves; of the 300 scenarios together 4.4, which one of 300 passes by chance in
