@@ -1,11 +1,15 @@
-"""Do the tests notice? Small faults are put into the code one at a time, and the tests of their room are run; prints one table.
+"""Do the tests notice? Small faults are put into the code, one at a time, and the tests that concern them are run.
 
-    python benchmarks/mutants.py [--only TEXT] [--workers 1] [--done FILE] [--trust]
+    python benchmarks/mutants.py [--only TEXT] [--workers 1] [--done FILE] [--again] [--trust]
 
-The faults are those of mutants.toml: a file, what stands there, what stands there instead, and the tests that should notice. Each runs on
-a copy of the checkout. A fault is killed when a test fails (or does not end in time), and survives when all pass. Text that
-does not stand exactly once in its file is stale: mend mutants.toml. First all tests must pass without a fault (--trust: they are taken
-to). --done keeps results, so that a run can go on later.
+The faults are those of mutants.toml: a file, what stands there, what stands there instead, and the tests that should
+notice. Each is put into a copy of the checkout. It is killed when a test fails or does not end in time: first those
+of the default suite are run, then, where all of them pass, those of the thorough stage. It survives when all pass.
+Text that does not stand exactly once in its file is stale: mend mutants.toml. First all tests must pass without a
+fault (--trust: they are taken to).
+
+Results are kept in mutants.json beside this file (--done: elsewhere), so that a run can go on later; a fault that has
+changed there, or whose tests are others now, is tried again. docs/faults.md is made from it.
 """
 
 import argparse
@@ -17,6 +21,7 @@ import sys
 import tempfile
 import time
 import tomllib
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from queue import Queue
@@ -38,6 +43,9 @@ PARTS = (
     "CHANGELOG.md",
 )
 LIMIT = 900  # [s] for the tests of one fault
+STAGES = {"default": "", "thorough": "thorough"}  # pytest's markers of the stages, in the order in which they are tried
+PASSED, FAILED, NONE_CHOSEN = 0, 1, 5  # pytest's exit statuses
+SETTLED = ("killed", "survived")
 
 
 def known() -> list[dict[str, Any]]:
@@ -56,34 +64,57 @@ def quick(mutant: dict[str, Any]) -> int:
     return sum((HERE.parent / "tests" / name).stat().st_size for name in mutant["tests"])
 
 
-def passes(tests: list[str], marker: str, copy: Path, data: str) -> tuple[int, str]:
-    """Return the exit code of tests on a copy of the checkout, up to the first that fails, and which that is.
+def keep(results: dict[str, Any], path: Path) -> None:
+    """Write the results, in the order of file and words."""
+    ordered = dict(sorted(results.items(), key=lambda item: (item[1]["file"], item[1]["what"])))
+    whole = path.with_suffix(".part")
+    whole.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
+    whole.replace(path)
 
-    marker: of tests that the suite leaves out; none by default.
+
+def key(mutant: dict[str, Any]) -> str:
+    """Return what names a fault among the results: it is another where its text or its tests are."""
+    return json.dumps([mutant[name] for name in ("file", "find", "replace", "tests")])
+
+
+def passes(tests: list[str], marker: str, copy: Path, data: str) -> tuple[int, str]:
+    """Return pytest's exit status for tests on a copy of the checkout, and the first test that failed.
+
+    marker: of tests that the default suite leaves out; "" for the default suite.
     """
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider"]
     chosen = ["-m", marker] if marker else []
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", *chosen, *(f"tests/{name}" for name in tests)],
-        cwd=copy, env={**os.environ, "PYTHONPATH": str(copy), "DRIFT_DATA": data, "PYTHONDONTWRITEBYTECODE": "1"},
-        capture_output=True, text=True, timeout=LIMIT,
-    )  # fmt: skip
-    return done.returncode, next((x for x in done.stdout.splitlines() if x.startswith(("FAILED", "ERROR"))), "")
+        [*command, *chosen, *(f"tests/{name}" for name in tests)],
+        cwd=copy,
+        env={**os.environ, "PYTHONPATH": str(copy), "DRIFT_DATA": data, "PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+    )
+    lines = done.stdout.splitlines()
+    return done.returncode, next((x for x in lines if x.startswith(("FAILED", "ERROR"))), "")
 
 
-def tried(mutant: dict[str, Any], copy: Path, data: str) -> tuple[str, float, str]:
-    """Return what became of a fault in a copy of the checkout, how long that took [s], and which test noticed it."""
+def tried(mutant: dict[str, Any], copy: Path, data: str) -> dict[str, Any]:
+    """Return what became of a fault in a copy of the checkout: a row of the results."""
     file = copy / mutant["file"]
     whole = file.read_text(encoding="utf-8")
     file.write_text(whole.replace(mutant["find"], mutant["replace"]), encoding="utf-8")
+    row = {"file": mutant["file"], "what": mutant["what"], "verdict": "survived", "stage": "", "noticed": ""}
+    stages = {mutant["marker"]: mutant["marker"]} if "marker" in mutant else STAGES
     begin = time.perf_counter()
     try:
-        code, noticed = passes(mutant["tests"], mutant.get("marker", ""), copy, data)
-        verdict = {0: "survived", 1: "killed"}.get(code, "broken")
+        for stage, marker in stages.items():
+            code, noticed = passes(mutant["tests"], marker, copy, data)
+            if code not in (PASSED, NONE_CHOSEN):
+                row.update(verdict="killed" if code == FAILED else "broken", stage=stage, noticed=noticed)
+                break
     except subprocess.TimeoutExpired:
-        verdict, noticed = "killed", "did not end"
+        row.update(verdict="killed", stage=stage, noticed="did not end")
     finally:
         file.write_text(whole, encoding="utf-8")
-    return verdict, time.perf_counter() - begin, noticed
+    return {**row, "seconds": round(time.perf_counter() - begin)}
 
 
 def main() -> None:
@@ -91,18 +122,21 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--only", default="", help="of those whose file or words hold this text")
     options.add_argument("--workers", type=int, default=1)
-    options.add_argument("--done", type=Path, help="JSON file of results: read first, and added to")
+    options.add_argument("--done", type=Path, default=HERE / "mutants.json", help="results: read first, and added to")
     options.add_argument("--again", action="store_true", help="try those again that survived")
     options.add_argument("--trust", action="store_true", help="do not see first whether all tests pass without a fault")
     given = smallest.parse(options, only="geo/")
     results: dict[str, Any] = {}
-    if given.done and given.done.exists():
-        results = json.loads(given.done.read_text())
-    mutants = [m for m in known() if given.only in f"{m['file']} {m['what']}"]
+    if given.done.exists():
+        results = json.loads(given.done.read_text(encoding="utf-8"))
+    everything = known()
+    results = {name: row for name, row in results.items() if name in map(key, everything)}
+    mutants = [m for m in everything if given.only in f"{m['file']} {m['what']}"]
+    if not mutants:
+        sys.exit(f"--only {given.only!r}: no fault's file or words hold this text")
     mutants = sorted(mutants, key=quick)[:1] if smallest.ASKED else mutants
-    keys = [json.dumps([m["file"], m["find"], m["replace"]]) for m in mutants]
-    settled = {"killed"} if given.again else {"killed", "survived", "broken"}
-    waiting = [(k, m) for k, m in zip(keys, mutants, strict=True) if results.get(k, [""])[0] not in settled]
+    settled = ("killed",) if given.again else SETTLED
+    waiting = [m for m in mutants if results.get(key(m), {}).get("verdict") not in settled]
     data = os.environ.get("DRIFT_DATA", str(HERE.parent.parent / "shared" / "data"))
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(given.workers) as pool:
         copies: Queue[Path] = Queue()
@@ -117,35 +151,36 @@ def main() -> None:
                     shutil.copy(source, copy / part)
             copies.put(copy)
 
-        def one(item: tuple[str, dict[str, Any]]) -> None:
-            key, mutant = item
+        def one(mutant: dict[str, Any]) -> None:
             copy = copies.get()
             try:
-                verdict, seconds, noticed = tried(mutant, copy, data)
+                row = tried(mutant, copy, data)
             finally:
                 copies.put(copy)
-            results[key] = [verdict, noticed]
-            print(f"{verdict:8} {seconds:5.0f} s  {mutant['file']}: {mutant['what']}  {noticed[:90]}", flush=True)
-            if given.done:
-                given.done.write_text(json.dumps(results, indent=1))
+            results[key(mutant)] = row
+            print(
+                f"{row['verdict']:8} {row['stage']:8} {row['seconds']:5.0f} s"
+                f"  {row['file']}: {row['what']}  {row['noticed'][:90]}",
+                flush=True,
+            )
+            if not smallest.ASKED:
+                keep(results, given.done)
 
         if not given.trust:
             copy = copies.get()
-            for name, marker in sorted({(name, m.get("marker", "")) for _, m in waiting for name in m["tests"]}):
+            for name, marker in sorted({(name, m.get("marker", "")) for m in waiting for name in m["tests"]}):
                 code, noticed = passes([name], marker, copy, data)
-                if code != 0:
+                if code not in (PASSED, NONE_CHOSEN):
                     sys.exit(f"tests/{name} fails without any fault: {noticed}")
             copies.put(copy)
         list(pool.map(one, waiting))
-    verdicts = [results[key][0] for key in keys]
-    for key, mutant in zip(keys, mutants, strict=True):
-        if results[key][0] != "killed":
-            print(
-                f"{results[key][0]}: {mutant['file']}: {mutant['what']}"
-                + (f" ({mutant['why']})" if "why" in mutant else "")
-            )
-    print(f"{len(mutants)} faults: {verdicts.count('killed')} killed, {verdicts.count('survived')} survived, "
-          f"{verdicts.count('broken')} broken: {verdicts.count('killed') / max(len(mutants), 1):.0%} killed")  # fmt: skip
+    rows = [(results[key(m)], m.get("why")) for m in mutants]
+    for row, why in rows:
+        if row["verdict"] != "killed":
+            print(f"{row['verdict']}: {row['file']}: {row['what']}" + (f" ({why})" if why else ""))
+    stages = Counter(row["stage"] for row, _ in rows if row["verdict"] == "killed")
+    killed = ", ".join(f"{stage} {count / len(rows):.1%}" for stage, count in stages.items())
+    print(f"{len(rows)} faults: {stages.total()} killed, {stages.total() / len(rows):.1%} (by stage: {killed})")
 
 
 if __name__ == "__main__":
