@@ -187,7 +187,9 @@ def _inputs(node: Any, folder: Path, key: str = "") -> Iterator[str]:
     elif isinstance(node, list):
         for value in node:
             yield from _inputs(value, folder, key if key == "files" else "")  # a track in a list is positions
-    elif isinstance(node, str) and key in FILES and node not in {"gshhg", "none"}:
+    elif isinstance(node, str) and (
+        (key in FILES and node not in {"gshhg", "none"}) or (key == "motion" and node.endswith(".py"))
+    ):
         yield from (path for path in sources.matching(node, folder) if not sources.ADDRESS.match(path))
 
 

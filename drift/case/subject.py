@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from drift.case.forcing import sources
-from drift.case.scenario.scenario import PARAMETERS, ScenarioTable
+from drift.case.scenario.scenario import PARAMETERS, PYTHON, ScenarioTable
 from drift.case.schema import CaseTable
 from drift.case.spill import build_spill as build_spill
 from drift.case.values.mistakes import Mistakes
 from drift.engine.environment.forcing_spec import Forcing, ForcingSpec
-from drift.engine.motion.leeway import WATER, Drifter
+from drift.engine.motion.leeway import Drifter
+from drift.engine.motion.own_motion import OwnMotion
 from drift.engine.motion.scenario import Scenario
 from drift.engine.motion.steering.itinerary import Itinerary, Phase, Spread, Ways
 from drift.spills.worlds.records import Find, Patrol, Spill
@@ -128,9 +129,12 @@ def _scenario(
     folder: Path,
 ) -> Scenario:
     place, wrong = f'scenario "{table.name}"', Mistakes()
-    drifter = table.object.drifter() if table.object else WATER
+    own: OwnMotion | None = None
     prior: Any = None
     itinerary: Itinerary | None = None
+    with wrong.gathered(place):
+        own = table.own_motion(folder)
+    drifter = table.drifter(own)
     with wrong.gathered(place):
         prior = table.prior(start)
     with wrong.gathered():
@@ -149,6 +153,8 @@ def _scenario(
     if len(chosen) == len(forcing) and adrift and _forced(table.motion):
         with wrong.gathered():
             _check_sources(place, drifter, chosen)
+        if own is not None and "waves" in own.uses and not chosen["stokes"]:
+            wrong.lines.append(f"{place}: {own.path.name} takes waves and there are none: add [[stokes]] with files")
     elif itinerary is not None and itinerary.currents == "felt" and not chosen.get("current", True):
         wrong.lines.append(
             f'{place}.vessel.currents is "felt" and there is no current: add [[current]] with files, or leave it out'
@@ -164,7 +170,7 @@ def _scenario(
         chosen,
         search_object=table.search_object or (itinerary.search_object if itinerary and not adrift else None),
         model=table.motion,
-        motion=PARAMETERS[table.motion](table),
+        motion=own or PARAMETERS[table.motion](table),
         survival=alive,
         itinerary=itinerary,
         source_level=table.source_level,
@@ -173,7 +179,7 @@ def _scenario(
 
 def _forced(model: str) -> bool:
     """Return whether a model of motion needs currents and winds."""
-    if model == "drift":
+    if model == "drift" or model.endswith(PYTHON):
         return True  # without the models, which load the compiler: a case is read without it
     from drift.engine.motion.models import MODELS
 

@@ -117,6 +117,12 @@ def check_address(address: str) -> None:
         )
 
 
+def check_program(name: str) -> None:
+    """Raise UserError unless a program that a case names may be run."""
+    if raised() is not None:
+        raise UserError(f'"{name}" is a program, and none of a case is run here; run the case with drift run')
+
+
 def check_crs(written: object) -> None:
     """Raise UserError where a reference system, of a case or a file, has PROJ open a file."""
     if raised() is not None and re.search(r"[/\\]|init|grids|file|catalog", str(written), re.IGNORECASE):

@@ -34,7 +34,9 @@ from kernels.step.features import (  # fmt: skip
     GUIDED,
     JIBE,
     LAYERS,
+    LINES,
     MEMBERS,
+    PARAMETERS,
     POLAR,
     REFLOAT,
     RK4,
@@ -93,14 +95,14 @@ Terms = ti.types.struct(
 
 def _rows(features: int) -> dict[str, dict[str, int]]:
     """Return what the kernel holds of its particles with these features, rows by name: see kernels.runtime.bundle."""
-    chance, wind = bool(features & (DIFFUSION | ERRORS)), bool(features & WIND)
+    chance, lines = bool(features & (DIFFUSION | ERRORS)), bool(features & LINES)
     walks, wanders, beached = (bool(features & bit) for bit in (DIFFUSION, ERRORS, REFLOAT))
     reals = {
         "dt": 1,  # [s] during which it moves
         "begin": 1,  # share of the lattice step at which it sets out
         "share": 1,  # of the lattice step
         "trig": 2,  # cosine and sine of its latitude then
-        "line": 6 * wind,  # leeway: slope and offset downwind, across to the right, across to the left
+        "line": 6 * lines,  # leeway: slope and offset downwind, across to the right, across to the left
         "errors": 4 * wanders,
         "nudge": 4 * bool(wanders and features & GUIDED),  # added to the normals of the errors
         "bias": 2,
@@ -123,7 +125,7 @@ def _rows(features: int) -> dict[str, dict[str, int]]:
         "story": 1,
         "left": 1,  # [s] when it sets out
         "finish": 1,  # [s] when its way ends
-        "side": wind,
+        "side": lines,
         "member": bool(features & MEMBERS),  # of an ensemble of forcings in which it drifts
         "waits": beached,  # whether it lies on a beach
         "place": 2,  # lon, lat where its way begins [binary angle]
@@ -183,7 +185,7 @@ def _muster(
                 held.bias[k, j] = own.error_rows[(errors.CURRENT_BIAS + k) * n + i]
         if ti.static(features & MEMBERS):
             held.member[0, j] = own.member_of[i]
-        if ti.static(features & WIND):
+        if ti.static(features & LINES):
             held.side[0, j] = own.side[i]
             line = ti.Vector([own.leeway_rows[k * n + i] for k in ti.static(range(6))])
             for k in ti.static(range(6)):
@@ -224,8 +226,10 @@ def _carry(
 def _drifter(features: ti.template(), held: ti.template(), j: ti.i32, row: ti.i32, asks: ti.f32) -> Drifter:
     """Return what of particle j of the bundle its drift depends on; asks: 0 where the drift does not count."""
     line = f32x4(0.0)
-    if ti.static(features & WIND):
+    if ti.static(features & LINES):
         left = held.side[0, j] < 0
+        if ti.static(features & PARAMETERS):  # which are the same on both sides
+            left = False
         across = (
             ti.select(left, held.line[4, j], held.line[2, j]),
             ti.select(left, held.line[5, j], held.line[3, j]),
@@ -661,6 +665,7 @@ def mover(
     direction: int,
     velocity: Any = drift,
     bend: Any = None,
+    parameters: bool = False,
 ) -> Move:
     """Return a function that moves slots of an ensemble over one lattice step or several, in place.
 
@@ -669,7 +674,7 @@ def mover(
     ensemble: a drift.engine.particles.ensemble.Ensemble. own: its slots that are moved; the number of each in the whole run is
     the key of its noise. ranges: first and last tile by quantity. physics: of each scenario of the batch. direction: of
     all its steps. velocity: a function as kernels.step.integrate takes it, so that the order of the scheme can be measured
-    on an analytic flow. bend: float32 (4 n,) on the device, which takes how each way departs from its chord
+    on an analytic flow; parameters: whether it takes those that a user's own has (kernels.step.own_velocity). bend: float32 (4 n,) on the device, which takes how each way departs from its chord
     (kernels.step.curve); None: nothing is kept of that. A particle moves only while adrift, from its release on; it ends ashore, sunk, outside the
     forcing or the domain.
     """
@@ -677,7 +682,7 @@ def mover(
     coastal = Purpose.DEBRIS_COAST if place.debris else Purpose.RUN
     coast0, coast1 = noise.key(ensemble.seed, coastal, place.debris)
     keeps = bend is not None
-    needed = features(ranges, physics, place) | MEMBERS * (tiles.members > 1)
+    needed = features(ranges, physics, place) | MEMBERS * (tiles.members > 1) | PARAMETERS * parameters
     args = (
         needed,
         velocity,

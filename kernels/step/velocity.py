@@ -39,7 +39,7 @@ def leeway(line: f32x4, wind_east: ti.f32, wind_north: ti.f32) -> ti.types.vecto
 
 
 @ti.func
-def _of(
+def forcing_at(
     features: ti.template(),
     sea: ti.template(),
     own: ti.template(),
@@ -48,7 +48,7 @@ def _of(
     lat: ti.i32,
     fraction: ti.f32,
 ) -> f32x3:
-    """Return (east, north, valid) [m/s] of a quantity, whose tiles stand at a place of `Sea.ranges`."""
+    """Return (east, north, valid) [m/s] of a quantity of the forcing, whose tiles stand at a place of `Sea.ranges`."""
     members = ti.static(bool(features & MEMBERS))
     first, r = sea.ranges[place], f32x3(0.0)
     if ti.static(bundle.alone()):
@@ -73,13 +73,13 @@ def drift(
     """
     u, v, valid = own.error[0], own.error[1], 1.0
     if ti.static(features & CURRENT):
-        c = _of(features, sea, own, CURRENT_FROM, lon, lat, fraction)
+        c = forcing_at(features, sea, own, CURRENT_FROM, lon, lat, fraction)
         u, v, valid = u + c[0], v + c[1], c[2]
     if ti.static(features & STOKES):
-        s = _of(features, sea, own, STOKES_FROM, lon, lat, fraction)
+        s = forcing_at(features, sea, own, STOKES_FROM, lon, lat, fraction)
         u, v, valid = u + s[0], v + s[1], valid * s[2]
     if ti.static(features & WIND):
-        w = _of(features, sea, own, WIND_FROM, lon, lat, fraction)
+        w = forcing_at(features, sea, own, WIND_FROM, lon, lat, fraction)
         way = leeway(own.line, w[0] + own.error[2], w[1] + own.error[3])
         u, v, valid = u + way[0], v + way[1], valid * w[2]
     return f32x3(u, v, valid)

@@ -28,7 +28,7 @@ from kernels.runtime import bundle, launch, runtime, tables, taichi_inside
 from kernels.runtime.dtypes import NUMPY
 from kernels.step import advance, features, velocity
 
-EVERYTHING = (1 << 18) - 1
+EVERYTHING = (1 << 18) - 1  # but for the parameters of a velocity of the user's own
 ROUND_THE_POLE = features.POLAR | features.LAYERS | features.MEMBERS
 USUAL = features.CURRENT | features.WIND | features.ERRORS | features.JIBE | features.RK4
 USUAL |= features.DIFFUSION | features.BIAS
@@ -36,14 +36,23 @@ YES_OR_NO = (False, True)
 FIELDS = (observe.LINE, observe.BOX, observe.IN_BOX, observe.DISC, observe.IN_DISC)
 SWEEPS = (sweep.CUBE, sweep.ABEAM, sweep.ZONES, sweep.INSIDE)
 
+
+@ti.func
+def _downwind(current, wind, waves, parameters):
+    """A velocity of a user's own."""
+    return current + waves + parameters[0] * wind
+
+
 # By name, and where modules differ by module and name: the values of compile-time arguments.
 VALUES: dict[str, tuple[Any, ...]] = {
+    "by_latitude": (False,),
     "besides": (observe.WHETHER, observe.REPORT, observe.WHEN),
     "both": YES_OR_NO,
     "bridged": YES_OR_NO,
     "coastal": YES_OR_NO,
     "cube": YES_OR_NO,
     "features": (features.CURRENT, USUAL, EVERYTHING & ~ROUND_THE_POLE, EVERYTHING),
+    "function": (_downwind,),
     "listed": YES_OR_NO,
     "meaning": (sweep.HAZARD, sweep.SHARE, sweep.MISS),
     "members": YES_OR_NO,

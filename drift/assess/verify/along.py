@@ -19,6 +19,7 @@ from drift.assess.verify.error_law import Tracks
 from drift.case import file as case_file
 from drift.case.record import Case
 from drift.engine.motion.forcing import Forcing
+from drift.engine.motion.own_motion import OwnMotion
 from drift.pipeline import run_setup
 from drift.tracking.tracks.records import Track, breaks
 from geo import sphere
@@ -267,9 +268,10 @@ def check_case(case: Case, columns: Mapping[str, str]) -> None:
                 f"{quantity}_east and {quantity}_north, or give the case a source"
             )
     for story in case.scenarios:
-        if story.model != "drift":
+        motion = story.motion.path.name if isinstance(story.motion, OwnMotion) else story.model
+        if motion != "drift":
             raise UserError(
-                f'{case.path.name}: scenario "{story.name}" has motion = "{story.model}"; drifters are compared with '
+                f'{case.path.name}: scenario "{story.name}" has motion = "{motion}"; drifters are compared with '
                 'what drifts, motion = "drift"'
             )
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
+from drift.case.forcing import sources
 from drift.case.scenario import survival
 from drift.case.scenario.itinerary import DistressTable as DistressLaw
 from drift.case.scenario.itinerary import PhaseTable, VesselTable
@@ -19,10 +20,15 @@ from drift.case.sonar.sonar import SourceLevel
 from drift.case.values import fields, units
 from drift.case.values.mistakes import Mistakes
 from drift.case.values.places import AreaTable, PositionTable
-from drift.engine.motion.leeway import Drifter
+from drift.engine.motion import own_motion
+from drift.engine.motion.leeway import WATER, Drifter, Line
+from drift.engine.motion.own_motion import OwnMotion
 from drift.engine.motion.scenario import JIBE_RATE, ReleasePrior, Survival, TracklinePrior
 from drift.engine.motion.steering.itinerary import Itinerary
 from geo import notation, sphere
+from geo.files import fence
+
+PYTHON = ".py"  # what the name of a file with a drift model ends with
 
 
 class TriangularTable(fields.Table):
@@ -151,10 +157,23 @@ class SurvivalTable(fields.Table):
 
 
 def _motion(value: object) -> object:
-    if not isinstance(value, str) or value not in PARAMETERS:
+    if not isinstance(value, str) or (value not in PARAMETERS and not value.endswith(PYTHON)):
         names = ", ".join(f'"{name}"' for name in PARAMETERS)
-        raise ValueError(f"no model of motion {value!r}; there is: {names}")
+        raise ValueError(f'no model of motion {value!r}; there is: {names}, and a Python file such as "iceberg.py"')
     return value
+
+
+class ParameterTable(fields.Table):
+    """A parameter of a drift model of your own: normal between particles, each of which keeps its own."""
+
+    mean: float = Field(allow_inf_nan=False)
+    """Its mean, in the unit that the file takes; a bare number says the mean alone."""
+    std: float = Field(default=0.0, ge=0, allow_inf_nan=False)
+    """Its standard deviation between particles."""
+
+
+def _parameter(value: object) -> object:
+    return {"mean": value} if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
 class ScenarioTable(fields.Table):
@@ -169,7 +188,9 @@ class ScenarioTable(fields.Table):
     ] = None
     """What drifts: a leeway class (`drift objects`), or a table of its own."""
     motion: Annotated[str, BeforeValidator(_motion)] = "drift"
-    """The model of motion of what is adrift; `drift` is all there is. What is under way has phases."""
+    """How what is adrift moves: `drift`, by the leeway of its object, or a Python file with a velocity of your own ([how](howto/model.md))."""
+    parameters: dict[str, Annotated[ParameterTable, BeforeValidator(_parameter)]] = Field(default_factory=dict)
+    """Of a Python file in `motion`: its parameters by name."""
     jibe: fields.Rate | None = None
     """How often its drift changes sides, a bare number per hour; 0.04 of classes that do."""
     currents: list[str] | None = None
@@ -221,8 +242,15 @@ class ScenarioTable(fields.Table):
 
     def _states(self) -> Iterator[str]:
         adrift = not self.phase or self.distress is not None
-        if adrift and self.object is None:
+        own = self.motion.endswith(PYTHON)
+        if adrift and self.object is None and not own:
             yield "object is missing: what drifts? See: drift objects"
+        if own and self.object is not None:
+            yield f'object: motion = "{self.motion}" says how it drifts; leave object out, and say search_object for sweep widths'
+        if own and self.jibe is not None:
+            yield f'jibe belongs to leeway, and motion = "{self.motion}" has none; leave jibe out'
+        if self.parameters and not own:
+            yield 'parameters belong to a drift model of your own; add motion = "FILE.py", or leave them out'
         for number, phase in enumerate(self.phase[:-1], 1):
             if phase.endless:
                 yield (
@@ -240,6 +268,8 @@ class ScenarioTable(fields.Table):
         if self.arrival_radius is not None and self.overdue is None:
             yield "arrival_radius belongs to overdue, the time by which one would know that it is in port; add overdue"
         if not adrift:
+            if own:
+                yield f'motion = "{self.motion}" belongs to what goes adrift; add distress, or leave motion out'
             for name in ("survival", "jibe", "object"):
                 if getattr(self, name) is not None:
                     yield f"{name} belongs to what goes adrift; add distress, or leave {name} out"
@@ -277,6 +307,23 @@ class ScenarioTable(fields.Table):
             vessel.currents,
             **({} if self.arrival_radius is None else {"arrival_radius": self.arrival_radius}),
         )
+
+    def own_motion(self, folder: Path) -> OwnMotion | None:
+        """Return the drift model of the user's own; None: it drifts by leeway."""
+        if not self.motion.endswith(PYTHON):
+            return None
+        fence.check_program(self.motion)
+        path = Path(sources.one_file(self.motion, folder, "motion"))
+        return own_motion.read(path, {name: (one.mean, one.std) for name, one in self.parameters.items()})
+
+    def drifter(self, own: OwnMotion | None) -> Drifter:
+        """Return what drifts; own: its drift model, where it has one of its own."""
+        if own is not None:
+            still = Line()
+            return Drifter(
+                own.path.stem, f"drifts as {own.path.name} says", still, still, still, blown="wind" in own.uses
+            )
+        return self.object.drifter() if self.object else WATER
 
     def jibe_rate(self, drifter: Drifter) -> float:
         """Return the jibing rate [1/s]; by default as published for objects with two sides."""

@@ -12,7 +12,7 @@ from drift.engine.environment.environment_spec import EnvironmentSpec
 from drift.engine.environment.forcing_spec import ForcingSpec
 from drift.engine.motion import drift
 from drift.engine.motion.ensemble_spec import EnsembleSpec
-from drift.engine.motion.models import MODELS
+from drift.engine.motion.models import model_of
 from drift.engine.motion.scenario import Scenario
 from geo import sphere
 from geo.box import Box
@@ -65,7 +65,7 @@ def within_reach(spec: EnsembleSpec) -> Box:
             speed += leeway * (math.exp(2 * spec.release.windage_bias) - 1)
         return speed
 
-    objects = [(MODELS[s.model].forced, MODELS[s.model].usual(s, STRONGEST_WIND)) for s in _drifting(spec)]
+    objects = [(model_of(s).forced, model_of(s).usual(s, STRONGEST_WIND)) for s in _drifting(spec)]
     debris = [(True, drift.usual(drifter, STRONGEST_WIND)) for drifter in spec.debris]
     return around(spec, _fastest_of(spec, objects + debris, carried), SPREADS)
 
@@ -88,7 +88,7 @@ def utmost(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
             speed += leeway * math.exp(FARTHEST * spec.release.windage_bias)
         return speed + FARTHEST * math.sqrt(2 * spec.errors.diffusivity / spec.period.duration)
 
-    objects = [(MODELS[s.model].forced, MODELS[s.model].fastest(s, wind, FARTHEST)) for s in _drifting(spec)]
+    objects = [(model_of(s).forced, model_of(s).fastest(s, wind, FARTHEST)) for s in _drifting(spec)]
     debris = [(True, drift.fastest(drifter, wind, FARTHEST)) for drifter in spec.debris]
     return around(spec, _fastest_of(spec, objects + debris, carried), FARTHEST)
 

@@ -54,12 +54,13 @@ class Drifter:
     left: Line
     level: int = 0
     immersion: tuple[float, float] | None = None  # share under water, uniform between objects; down holds the mean
+    blown: bool = False  # whether the wind moves it by a model of motion that has no lines
 
     @property
     def uses_wind(self) -> bool:
         """Whether the wind moves it at all."""
         still = Line()
-        return (self.down, self.right, self.left) != (still, still, still)
+        return self.blown or (self.down, self.right, self.left) != (still, still, still)
 
     @property
     def lull(self) -> float:

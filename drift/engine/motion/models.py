@@ -2,9 +2,11 @@
 
 from collections.abc import Iterable
 
+from drift.engine.motion import own_model
 from drift.engine.motion.drift import DRIFT
 from drift.engine.motion.forcing_error import Errors
 from drift.engine.motion.model import Model, Motion
+from drift.engine.motion.own_motion import OwnMotion
 from drift.engine.motion.period import Period
 from drift.engine.motion.scenario import Scenario
 from drift.engine.motion.steering import steer
@@ -15,9 +17,14 @@ from drift.engine.particles.ensemble import Column
 MODELS: dict[str, Model] = {"drift": DRIFT}
 
 
+def model_of(scenario: Scenario) -> Model:
+    """Return the model by which a scenario's object moves once it is adrift."""
+    return own_model.model(scenario.motion) if isinstance(scenario.motion, OwnMotion) else MODELS[scenario.model]
+
+
 def forced(scenarios: Iterable[Scenario]) -> bool:
     """Return whether all of some scenarios move with currents and winds alone, and are lost without them."""
-    return all(_feels(s.itinerary) if s.itinerary else MODELS[s.model].forced for s in scenarios)
+    return all(_feels(s.itinerary) if s.itinerary else model_of(s).forced for s in scenarios)
 
 
 def _feels(itinerary: Itinerary) -> bool:
@@ -26,15 +33,13 @@ def _feels(itinerary: Itinerary) -> bool:
 
 def columns(scenarios: Iterable[Scenario]) -> tuple[Column, ...]:
     """Return the columns that particles of some scenarios have besides the core, each once."""
-    every = [
-        column for s in scenarios for column in (*MODELS[s.model].columns, *(steer.COLUMNS if s.itinerary else ()))
-    ]
+    every = [column for s in scenarios for column in (*model_of(s).columns, *(steer.COLUMNS if s.itinerary else ()))]
     return tuple({column.name: column for column in every}.values())
 
 
 def motions(errors: Errors, scenarios: Iterable[Scenario]) -> tuple[Motion, ...]:
     """Return how the objects of each scenario move."""
-    return tuple(Motion(model := MODELS[scenario.model], model.terms(errors, scenario)) for scenario in scenarios)
+    return tuple(Motion(model := model_of(scenario), model.terms(errors, scenario)) for scenario in scenarios)
 
 
 def steering(scenarios: Iterable[Scenario], period: Period, errors: Errors) -> Steering | None:

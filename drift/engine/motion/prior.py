@@ -12,7 +12,7 @@ import numpy as np
 
 from drift.engine.motion import guided, models
 from drift.engine.motion.ensemble_spec import EnsembleSpec
-from drift.engine.motion.models import MODELS
+from drift.engine.motion.models import model_of
 from drift.engine.motion.period import Period
 from drift.engine.motion.scenario import AreaPrior, PositionPrior, TracklinePrior
 from drift.engine.motion.steering import steer
@@ -81,7 +81,7 @@ def draw_ensemble(
             drawn, failed = (int(x) for x in tries.to_numpy())
         tried.append((drawn, failed))
         if not still:
-            MODELS[scenario.model].draw(ensemble, slots, key, scenario, spec.errors)
+            model_of(scenario).draw(ensemble, slots, key, scenario, spec.errors)
     begun = np.array(tried)
     if steering:
         begun = begun + steer.draw_targets(ensemble, steering, coast)

@@ -1,0 +1,119 @@
+"""A model of motion made of a user's own function of current, wind and waves.
+
+It is the model of what drifts (drift.engine.motion.drift) with that function in the place of leeway: errors of the
+forcing, random walk and coast are the same. Its parameters stand in the columns of the leeway lines.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache, partial
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from drift.engine.motion import drift
+from drift.engine.motion.forcing_error import Errors
+from drift.engine.motion.model import Group, Key, Model, Waters
+from drift.engine.motion.own_motion import MOST, OwnMotion
+from drift.engine.motion.scenario import Scenario
+from drift.engine.particles.ensemble import Ensemble, Slots
+from geo.array import Array
+from geo.errors import UserError
+from kernels.step import advance as kernel
+from kernels.step import own_velocity
+from kernels.step import prior as draws
+
+COLUMNS = ("down_slope", "down_offset", "right_slope", "right_offset")  # that hold the parameters, in their order
+SPARE = "left_offset"  # that nothing reads
+CURRENTS = (0.0, 1.0, 2.5)  # [m/s] in which a function is asked how fast it goes through the water
+DIRECTIONS = np.radians(np.arange(0, 360, 15))
+LATITUDES = np.radians([-75.0, -45.0, -15.0, 0.1, 15.0, 45.0, 75.0])
+
+
+@lru_cache(maxsize=64)
+def model(own: OwnMotion) -> Model:
+    """Return the model: the same one for the same file and parameters, so that its kernels are compiled once.
+
+    Raises:
+        UserError: where the file fails when it is run, or its function can't be compiled.
+    """
+    function, velocity = _loaded(own)
+    return replace(
+        drift.DRIFT,
+        draw=partial(_draw, own),
+        mover=partial(_mover, velocity),
+        usual=lambda scenario, wind: _fastest(own, function, wind, 0.0),
+        fastest=lambda scenario, wind, spreads: _fastest(own, function, wind, spreads),
+    )
+
+
+@lru_cache(maxsize=64)
+def _compiled(path: Any, digest: str, by_latitude: bool) -> tuple[Callable[..., Any], Any]:
+    function = own_velocity.load(path, digest)
+    return function, own_velocity.in_sea(function, by_latitude)
+
+
+def _loaded(own: OwnMotion) -> tuple[Callable[..., Any], Any]:
+    """Return the function of a file, and the field of velocity that is made of it."""
+    return _compiled(own.path, own.digest, own.by_latitude)
+
+
+def _draw(own: OwnMotion, ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors: Errors) -> None:
+    """Draw each particle's parameters, and its errors of the forcing."""
+    for number, (parameter, name) in enumerate(zip(own.parameters, COLUMNS, strict=False)):
+        column, spare = ensemble.own[name], ensemble.own[SPARE]
+        draws.draw_object(*slots, column, spare, number, *key, parameter.mean, 0.0, parameter.std, 0.0, -np.inf)
+    drift.draw_errors(ensemble, slots, key, errors)
+
+
+def _mover(velocity: Any, ensemble: Ensemble, group: Group, waters: Waters, direction: int, bend: Any) -> kernel.Move:
+    """Return what moves a group of scenarios over a step: see kernels.step.advance."""
+    return kernel.mover(
+        ensemble,
+        group.batch,
+        waters.tiles,
+        waters.ranges,
+        group.terms,
+        waters.place,
+        direction,
+        velocity,
+        bend,
+        parameters=True,
+    )
+
+
+def _fastest(own: OwnMotion, function: Callable[..., Any], wind: float, spreads: float) -> float:
+    """Return the highest speed through the water [m/s] of the function in winds up to one.
+
+    spreads: how many standard deviations the parameters are away from their means, up and down.
+    """
+    ways = [p.mean + p.std * spreads * np.array([-1.0, 0.0, 1.0] if p.std * spreads else [0.0]) for p in own.parameters]
+    parameters = np.array(list(product(*ways, *[[0.0]] * (MOST - len(ways)))))
+    toward = np.column_stack([np.sin(DIRECTIONS), np.cos(DIRECTIONS)])
+    currents = np.vstack([speed * toward[:1] for speed in CURRENTS])
+    winds = np.vstack([np.zeros((1, 2)), 0.5 * wind * toward, wind * toward])
+    asked = [np.concatenate(row) for row in product(currents, winds, parameters)]
+    current, blown, chosen = np.split(np.array(asked), [2, 4], axis=1)
+    speeds = [_speeds(own, function, current, blown, chosen, latitude) for latitude in LATITUDES]
+    return float(np.max(speeds))
+
+
+def _speeds(
+    own: OwnMotion, function: Callable[..., Any], current: Array, wind: Array, parameters: Array, latitude: float
+) -> Array:
+    """Return speeds through the water [m/s] (n,); raise UserError where one is no number."""
+    try:
+        way = own_velocity.through_water(function, own.by_latitude, current, wind, parameters, latitude)
+    except Exception as error:  # whatever Taichi says of a function that it does not understand
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        raise UserError(f"{own.path.name}: velocity can't be compiled: {lines[-1] if lines else error}") from error
+    speed: Array = np.hypot(way[:, 0], way[:, 1])
+    if not np.isfinite(speed).all():
+        k = int(np.argmin(np.isfinite(speed)))
+        named = ", ".join(f"{p.name} {value:g}" for p, value in zip(own.parameters, parameters[k], strict=False))
+        raise UserError(
+            f"{own.path.name}: velocity is no number in a current of {np.hypot(*current[k]):.3g} m/s and a wind of "
+            f"{np.hypot(*wind[k]):.3g} m/s at {np.degrees(latitude):.0f} degrees{', with ' + named if named else ''}"
+        )
+    return speed

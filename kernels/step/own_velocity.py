@@ -1,0 +1,124 @@
+"""A velocity of a user's own: a function in a Python file, in the place of leeway.
+
+The file is run when it is loaded: it is a program, as much as this one.
+"""
+
+import hashlib
+import sys
+from collections.abc import Callable
+from importlib import util
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from geo.array import Array
+from geo.errors import UserError
+from kernels.step.coast import Reals
+from kernels.step.features import CURRENT, STOKES, WIND
+from kernels.step.velocity import CURRENT_FROM, STOKES_FROM, WIND_FROM, forcing_at
+
+FUNCTION = "velocity"  # what the function in the file is called
+RADIANS = np.pi / 2**31  # of a unit of binary angle
+
+f32x2 = ti.types.vector(2, ti.f32)
+f32x3 = ti.types.vector(3, ti.f32)
+f32x4 = ti.types.vector(4, ti.f32)
+
+
+def load(path: Path, digest: str) -> Callable[..., Any]:
+    """Return the function of a file as kernels take it.
+
+    Args:
+        path: of the file.
+        digest: of its bytes, by which its module is named: a file that has changed is another module.
+
+    Raises:
+        UserError: where the file has changed, or running it fails.
+    """
+    try:
+        same = hashlib.sha256(path.read_bytes()).hexdigest() == digest
+    except OSError as error:
+        raise UserError(f"{path}: {error.strerror}; the case names it as its drift model") from None
+    if not same:
+        raise UserError(f"{path.name} has changed since the case was read; read the case again")
+    name = f"drift_model_{digest[:16]}"
+    spec = util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = util.module_from_spec(spec)
+    sys.modules[name] = module  # the compiler looks there for the function's names
+    try:
+        spec.loader.exec_module(module)
+        function = getattr(module, FUNCTION)
+    except Exception as error:  # whatever a user's file raises
+        del sys.modules[name]
+        raise UserError(f"{path.name}: running it failed: {type(error).__name__}: {error}") from error
+    return function if hasattr(function, "_is_taichi_function") else ti.func(function)
+
+
+def in_sea(function: Callable[..., Any], by_latitude: bool) -> Any:
+    """Return a field of velocity, as kernels.step.advance.mover takes it, made of a user's function.
+
+    by_latitude: whether the function takes the latitude [rad] besides current, wind, waves and parameters. Errors of
+    the forcing are added to the current and to the wind that the function is given.
+    """
+
+    @ti.func
+    def velocity(
+        features: ti.template(), sea: ti.template(), own: ti.template(), lon: ti.i32, lat: ti.i32, fraction: ti.f32
+    ) -> f32x3:
+        current, wind, waves = f32x2(own.error[0], own.error[1]), f32x2(own.error[2], own.error[3]), f32x2(0.0)
+        valid = 1.0
+        if ti.static(features & CURRENT):
+            c = forcing_at(features, sea, own, CURRENT_FROM, lon, lat, fraction)
+            current, valid = current + f32x2(c[0], c[1]), c[2]
+        if ti.static(features & STOKES):
+            s = forcing_at(features, sea, own, STOKES_FROM, lon, lat, fraction)
+            waves, valid = f32x2(s[0], s[1]), valid * s[2]
+        if ti.static(features & WIND):
+            w = forcing_at(features, sea, own, WIND_FROM, lon, lat, fraction)
+            wind, valid = wind + f32x2(w[0], w[1]), valid * w[2]
+        way = f32x2(0.0)
+        if ti.static(by_latitude):
+            way = function(current, wind, waves, own.line, ti.cast(lat, ti.f32) * ti.f32(RADIANS))
+        else:
+            way = function(current, wind, waves, own.line)
+        return f32x3(way[0], way[1], valid)
+
+    return velocity
+
+
+@ti.kernel
+def _through(function: ti.template(), by_latitude: ti.template(), given: Reals, way: Reals, latitude: ti.f32):
+    for i in range(way.shape[0] >> 1):
+        current, wind = f32x2(given[8 * i], given[8 * i + 1]), f32x2(given[8 * i + 2], given[8 * i + 3])
+        parameters = f32x4([given[8 * i + 4 + k] for k in ti.static(range(4))])
+        v = f32x2(0.0)
+        if ti.static(by_latitude):
+            v = function(current, wind, f32x2(0.0), parameters, latitude)
+        else:
+            v = function(current, wind, f32x2(0.0), parameters)
+        way[2 * i], way[2 * i + 1] = v[0] - current[0], v[1] - current[1]
+
+
+def through_water(
+    function: Callable[..., Any], by_latitude: bool, current: Array, wind: Array, parameters: Array, latitude: float
+) -> Array:
+    """Return the velocity relative to the current [m/s] (n, 2) that a user's function gives, without waves.
+
+    Args:
+        function: as `load` returns it.
+        by_latitude: whether it takes the latitude.
+        current: [m/s] east, north (n, 2).
+        wind: [m/s] east, north (n, 2).
+        parameters: (n, 4).
+        latitude: [rad].
+
+    """
+
+    given = np.hstack([current, wind, parameters]).astype(np.float32)
+    way = np.zeros((len(given), 2), np.float32)
+    _through(function, by_latitude, given.ravel(), way.ravel(), latitude)
+    return way.astype(np.float64)

@@ -1,0 +1,234 @@
+"""Drift models of a user's own: the iceberg of docs/howto/model.md against its balance of forces, leeway written anew, and refusals."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import integrate, optimize
+
+import drift
+from drift.case import case_digest
+from drift.engine.motion.scenario import PositionPrior
+from geo.errors import UserError
+from geo.files import fence
+
+PAGE = Path(__file__).parents[3] / "docs" / "howto" / "model.md"
+HOURS = 24
+RADIUS = 6_371_008.8  # [m]
+CASE = """
+title = "berg"
+start = 2026-04-14T06:00:00Z
+end = "+24 h"
+seed = 11
+particles = {particles}
+[clock]
+step = "30 min"
+[coast]
+source = "none"
+[[current]]
+constant = {{ speed = "0.4 kn", toward = 170 }}
+[[wind]]
+constant = {{ speed = "22 kn", from = 320 }}
+{more}
+"""
+BERG = """
+[[scenario]]
+name = "berg"
+motion = "own.py"
+parameters = {{ length = 1800, width = 900 }}
+position = {{ at = "{at}", error = "0.0001 nmi" }}
+"""
+CURRENT = 0.4 * 1852 / 3600 * np.array([np.sin(np.radians(170)), np.cos(np.radians(170))])
+WIND = -22 * 1852 / 3600 * np.array([np.sin(np.radians(320)), np.cos(np.radians(320))])
+
+
+def iceberg() -> str:
+    """Return the file of the page."""
+    found = re.search(r"<!-- file: iceberg.py -->\s*```python\n(.*?)\n *```", PAGE.read_text(encoding="utf-8"), re.S)
+    assert found is not None
+    return re.sub(r"^   ", "", found[1], flags=re.M)
+
+
+def loaded(folder: Path, own: str, scenarios: str, more: str = "", particles: int = 200) -> drift.Case:
+    """Return a case in a folder, with a drift model of its own."""
+    (folder / "own.py").write_text(own, encoding="utf-8")
+    path = folder / "case.toml"
+    path.write_text(CASE.format(particles=particles, more=more) + scenarios, encoding="utf-8")
+    return drift.load(path)
+
+
+def balanced(latitude: float, length: float, width: float) -> np.ndarray:
+    """Return the velocity [m/s] over ground at which drag of air and water and the Coriolis force on an iceberg balance.
+
+    Its height falls out: mass, and both of its sides, are in proportion to it. Sides are seen from all directions alike,
+    2 / pi of length and width together; the wind is much faster than the ice.
+    """
+    air, water, ice, in_air, in_water = 1.2, 1027.0, 850.0, 1.3, 0.9
+    mass, wet = ice * length * width, 2 / np.pi * (length + width) * ice / water
+    dry = 2 / np.pi * (length + width) * (1 - ice / water)
+    f = 2 * 7.2921e-5 * np.sin(latitude)
+
+    def force(v: np.ndarray) -> np.ndarray:
+        coriolis = mass * f * np.array([v[1], -v[0]])
+        wind = 0.5 * air * in_air * dry * np.hypot(*WIND) * WIND
+        return (coriolis + wind - 0.5 * water * in_water * wet * np.hypot(*v) * v) / mass * 1e5
+
+    found = optimize.root(force, 0.01 * WIND, tol=1e-12)
+    assert found.success
+    return CURRENT + found.x
+
+
+@pytest.mark.parametrize("at", ["46-45N 047-30W", "63-10S 052-20W"])
+def test_an_iceberg_goes_where_its_forces_balance(tmp_path: Path, at: str) -> None:
+    case = loaded(tmp_path, iceberg(), BERG.format(at=at))
+    last = drift.run(case).particles.isel(time=-1)
+    prior = case.scenarios[0].prior
+    assert isinstance(prior, PositionPrior)
+
+    def rates(time: float, place: np.ndarray) -> np.ndarray:
+        east, north = balanced(place[1], 1800, 900)
+        return np.array([east / np.cos(place[1]), north]) / RADIUS
+
+    end = integrate.solve_ivp(rates, (0, HOURS * 3600), [prior.lon, prior.lat], rtol=1e-10, atol=1e-13).y[:, -1]
+    east = (np.radians(last["lon"].values) - end[0]) * np.cos(end[1]) * RADIUS
+    north = (np.radians(last["lat"].values) - end[1]) * RADIUS
+    assert np.hypot(east, north).max() < 3.0  # of 30 km; they begin within 1 m, and numbers are float32
+
+
+def test_parameters_are_drawn_for_each_particle(tmp_path: Path) -> None:
+    own = """
+PARAMETERS = ("a", "b", "c", "d")
+
+def velocity(current, wind, waves, parameters):
+    return [parameters[0] + 2 * parameters[1], parameters[2] - 3 * parameters[3]] + 0.0 * current
+"""
+    laws = {"a": (0.31, 0.021), "b": (-0.12, 0.014), "c": (0.27, 0.033), "d": (0.05, 0.008)}
+    given = ", ".join(f"{name} = {{ mean = {mean}, std = {std} }}" for name, (mean, std) in laws.items())
+    scenario = BERG.format(at="0-00N 020-10W").replace("length = 1800, width = 900", given)
+    more = f"[output]\ntrajectories = {(n := 4000)}\n"
+    last = drift.run(loaded(tmp_path, own, scenario, more, n)).particles.isel(time=-1)
+    far = np.radians([last["lon"].values + 20 + 10 / 60, last["lat"].values]) * RADIUS / (HOURS * 3600)
+    (a, b, c, d), (sa, sb, sc, sd) = zip(*laws.values(), strict=True)
+    stds = np.hypot([sa, sc], [2 * sb, 3 * sd])
+    error = 4 * stds / np.sqrt(n)  # four standard errors
+    assert np.all(np.abs(far.mean(axis=1) - [a + 2 * b, c - 3 * d]) < error)
+    assert np.all(np.abs(far.std(axis=1) - stds) < error / np.sqrt(2))
+    assert abs(np.corrcoef(far)[0, 1]) < 4 / np.sqrt(n)
+
+
+WAVES = """
+[[stokes]]
+constant = { speed = "0.2 kn", toward = 205 }
+[uncertainty]
+current = { std = "0.11 m/s", time = "7 h", bias = "0.04 m/s" }
+wind = { std = "1.7 m/s", time = "5 h" }
+diffusivity = "3 m2/s"
+"""
+RAFT = """
+[[scenario]]
+name = "raft"
+object = "LIFE-RAFT-NB-1"
+position = { at = "59-20N 001-10E", error = "3 nmi" }
+"""
+DOWNWIND = "def velocity(current, wind, waves, parameters):\n    return current + waves + parameters[0] * wind\n"
+
+
+def test_windage_written_as_a_function_drifts_as_windage_does(tmp_path: Path) -> None:
+    """With errors of the forcing and a random walk, and beside a raft, which drifts as it does anyway."""
+    own = 'PARAMETERS = ("share",)\n\n\n' + DOWNWIND
+    place = 'position = { at = "59-40N 001-40E", error = "2 nmi" }\n'
+    mine = f'[[scenario]]\nname = "box"\nmotion = "own.py"\nparameters = {{ share = 0.023 }}\n{place}'
+    plain = f'[[scenario]]\nname = "box"\nobject = {{ windage = "2.3 %" }}\n{place}'
+    one, other = (drift.run(loaded(tmp_path, own, RAFT + box, WAVES)).particles.isel(time=-1) for box in (mine, plain))
+    assert set(one["scenario"].values) == {0, 1}
+    metres = np.hypot((one["lon"] - other["lon"]) * 0.5, one["lat"] - other["lat"]).values * 111_000
+    assert metres.max() < 0.5  # 24 h of roundings in float32
+
+
+def test_shards_give_the_same_bits(tmp_path: Path) -> None:
+    case = loaded(tmp_path, iceberg(), RAFT + BERG.format(at="59-40N 001-40E"), WAVES)
+    assert drift.run(case).particles.identical(drift.run(case, shards=2).particles)
+
+
+def test_a_file_is_run_by_a_run_and_not_by_reading(tmp_path: Path) -> None:
+    case = loaded(tmp_path, iceberg() + '\nraise OSError("no such device")\n', BERG.format(at="46-45N 047-30W"))
+    with pytest.raises(UserError, match=r"^own\.py: running it failed: OSError: no such device$"):
+        drift.run(case)
+
+
+def test_a_file_that_has_changed_meanwhile_is_refused(tmp_path: Path) -> None:
+    case = loaded(tmp_path, iceberg(), BERG.format(at="46-45N 047-30W"))
+    (tmp_path / "own.py").write_text(iceberg() + "\n", encoding="utf-8")
+    with pytest.raises(UserError, match=r"^own\.py has changed since the case was read; read the case again$"):
+        drift.run(case)
+    (tmp_path / "own.py").unlink()
+    with pytest.raises(UserError, match=r"own\.py: No such file or directory; the case names it as its drift model$"):
+        drift.run(case)
+
+
+def test_another_file_makes_another_case(tmp_path: Path) -> None:
+    scenario = BERG.format(at="46-45N 047-30W")
+    digests = {case_digest.digest(loaded(tmp_path, iceberg() + more, scenario)) for more in ("", "", "\n")}
+    assert len(digests) == 2
+    assert loaded(tmp_path, iceberg(), scenario).inputs == (str(tmp_path / "own.py"),)
+
+
+REFUSED = {
+    "no file": (None, "", 'motion: no file "own.py"; looked for '),
+    "no Python": ("def velocity(:\n", "", "own.py is no Python in line 1: "),
+    "no function": ("speed = 3\n", "", "own.py has no function velocity(current, wind, waves, parameters)"),
+    "other arguments": (
+        "def velocity(wind, current, waves, parameters):\n    return wind\n", "",
+        "own.py: velocity(wind, current, waves, parameters) must take (current, wind, waves, parameters)",
+    ),
+    "names that are none": (f"PARAMETERS = (1, 2)\n{DOWNWIND}", "", "own.py: PARAMETERS must be a tuple of names"),
+    "too many": (f"PARAMETERS = tuple('abcde')\n{DOWNWIND}", "", "own.py: PARAMETERS must be a tuple of names"),
+    "five": (f"PARAMETERS = ('a', 'b', 'c', 'd', 'e')\n{DOWNWIND}", "", "PARAMETERS has a, b, c, d, e; at most 4 are"),
+    "missing": (f"PARAMETERS = ('a', 'b')\n{DOWNWIND}", "parameters = { a = 1 }", 'parameters: "b" is missing; own.py takes a, b'),
+    "unknown": (DOWNWIND, "parameters = { a = 1 }", 'parameters: "a" is unknown; own.py takes none'),
+    "negative": (DOWNWIND, "parameters = { a = { mean = 1, std = -1 } }", "parameters.a.std"),
+    "no waves": (DOWNWIND.replace("waves +", "waves * 2 +"), "", "own.py takes waves and there are none: add [[stokes]] with files"),
+    "an object too": (DOWNWIND, 'object = "PIW-1"', 'motion = "own.py" says how it drifts; leave object out'),
+    "jibing": (DOWNWIND, "jibe = 0.1", 'jibe belongs to leeway, and motion = "own.py" has none; leave jibe out'),
+    "another word": (None, 'motion = "sail"', 'no model of motion \'sail\'; there is: "drift", and a Python file such as'),
+    "of leeway": (None, 'motion = "drift"\nobject = "PIW-1"\nparameters = { a = 1 }', 'add motion = "FILE.py", or leave'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_wrong_is_said_in_a_line(tmp_path: Path, name: str) -> None:
+    own, keys, told = REFUSED[name]
+    if own is not None:
+        (tmp_path / "own.py").write_text(own, encoding="utf-8")
+    motion = "" if "motion" in keys else 'motion = "own.py"\n'
+    scenario = f'[[scenario]]\nname = "berg"\n{motion}{keys}\nposition = {{ at = "46-45N 047-30W", error = "1 nmi" }}\n'
+    path = tmp_path / "case.toml"
+    path.write_text(CASE.format(particles=200, more="") + scenario, encoding="utf-8")
+    with pytest.raises(UserError) as refused:
+        drift.load(path)
+    assert told in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        ("return wind / (wind[0] - wind[0])", "own.py: velocity is no number in a current of 0 m/s and a wind of "),
+        ("return sorted(wind)", "own.py: velocity can't be compiled: "),
+    ],
+)
+def test_a_function_that_fails_is_refused_before_the_run(tmp_path: Path, body: str, told: str) -> None:
+    own = f"def velocity(current, wind, waves, parameters):\n    {body}\n"
+    scenario = BERG.format(at="46-45N 047-30W").replace("parameters = { length = 1800, width = 900 }\n", "")
+    with pytest.raises(UserError) as refused:
+        drift.run(loaded(tmp_path, own, scenario))
+    assert str(refused.value).startswith(told)
+    assert "\n" not in str(refused.value)
+
+
+def test_no_program_of_a_case_is_run_behind_a_fence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(fence.NAME, fence.fence_text(fence.Fence((tmp_path,))))
+    with pytest.raises(
+        UserError, match=r'"own\.py" is a program, and none of a case is run here; run the case with drift run$'
+    ):
+        loaded(tmp_path, iceberg(), BERG.format(at="46-45N 047-30W"))
