@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Any, Literal, Unpack, overload
 
 import numpy as np
 
@@ -42,7 +42,7 @@ from drift.forecast.products import dataset
 from drift.forecast.tracks import Trajectories
 from drift.pipeline import run_metadata, run_setup
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import Job, Options, Report, in_turn, open_job
+from drift.pipeline.run_options import Job, JobOptions, Options, Report, RunOptions, in_turn, open_job
 from drift.pipeline.run_setup import Setup, Start
 from drift.pipeline.shards import cluster, divide, fingerprint, shelf, spilled
 from drift.pipeline.shards import run as shards_run
@@ -71,30 +71,16 @@ def run(
     case: Case,
     out: str | os.PathLike[str] | None = None,
     *,
-    datasets: Mapping[str, Any] | None = None,
-    threads: int | None = None,
-    backend: str = "cpu",
-    overwrite: bool = False,
-    report: Report | None = None,
-    memory: float | None = None,
-    shards: int | None = None,
-    client: Any = None,
     resume: Literal[False] = False,
+    **options: Unpack[RunOptions],
 ) -> Result: ...
 @overload
 def run(
     case: Case,
     out: str | os.PathLike[str],
     *,
-    datasets: Mapping[str, Any] | None = None,
-    threads: int | None = None,
-    backend: str = "cpu",
-    overwrite: bool = False,
-    report: Report | None = None,
-    memory: float | None = None,
-    shards: int | None = None,
-    client: Any = None,
     resume: bool,
+    **options: Unpack[RunOptions],
 ) -> Result | None: ...
 
 
@@ -103,35 +89,17 @@ def run(
     case: Case,
     out: str | os.PathLike[str] | None = None,
     *,
-    datasets: Mapping[str, Any] | None = None,
-    threads: int | None = None,
-    backend: str = "cpu",
-    overwrite: bool = False,
-    report: Report | None = None,
-    memory: float | None = None,
-    shards: int | None = None,
-    client: Any = None,
     resume: bool = False,
+    **options: Unpack[RunOptions],
 ) -> Result | None:
     """Forecast a case; with `out`, write the results there, complete or not at all.
 
     Args:
         case: of `drift.load` or `drift.vary`.
         out: a folder for the results, written completely or not at all; None: nothing is written.
-        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
-            read, and not kept.
-        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
-        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
-            A process keeps the backend and the threads that it began with.
-        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
-        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
-            1; `drift.progress` makes one. An exception that it raises ends the run.
-        memory: memory that the run may take [GiB]; None: half of what is free. A run that needs more is moved in shards.
-        shards: into how many parts the particles are cut, moved one after another; None: as the memory asks. No number of
-            them changes a bit of the results.
-        client: a dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it.
         resume: where `out` holds the results of exactly this run, do nothing and return None; where it holds another run's,
             log what changed and replace them; where a run in shards was stopped, go on with the missing shards.
+        **options: see `drift.pipeline.run_options.RunOptions`.
 
     Returns:
         The forecast: `probability` (time, lat, lon) adds up to 1 over the cells of each time, less what is off the grid;
@@ -143,20 +111,9 @@ def run(
     """
     if resume and out is None:
         raise UserError("resume = True needs out: without an output folder there is nothing to resume from")
-    job = open_job(
-        case,
-        Options(
-            out,
-            datasets,
-            threads,
-            shelf.settled(backend, out, client),
-            overwrite or resume,
-            report,
-            memory,
-            shards,
-            client,
-        ),
-    )
+    if resume:
+        options["overwrite"] = True
+    job = open_run(case, out, options)
     if resume and _stands(job):
         assert job.out is not None
         if shelf.unfinished(job.out):  # it was killed after its results stood, or another run was
@@ -168,6 +125,12 @@ def run(
     if job.out is not None:
         shelf.clear(job.out)
     return result
+
+
+def open_run(case: Case, out: str | os.PathLike[str] | None, options: RunOptions) -> Job:
+    """Return the job of a run, on the backend of an unfinished one to the same folder where any would do."""
+    asked = Options(out, **options)
+    return open_job(case, replace(asked, backend=shelf.settled(asked.backend, out, asked.client)))
 
 
 def _stands(job: Job) -> bool:
@@ -515,12 +478,7 @@ def suspension(result: Result, planned: Planned | None = None) -> decision.Suspe
 def origin(
     case: Case,
     out: str | os.PathLike[str] | None = None,
-    *,
-    datasets: Mapping[str, Any] | None = None,
-    threads: int | None = None,
-    backend: str = "cpu",
-    overwrite: bool = False,
-    report: Report | None = None,
+    **options: Unpack[JobOptions],
 ) -> backward.Origin:
     """Run a spill backward from its finds to where and when it may have been released.
 
@@ -529,14 +487,7 @@ def origin(
     Args:
         case: with a `[spill]` and at least one `[[find]]`.
         out: a folder for the results, written completely or not at all; None: nothing is written.
-        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
-            read, and not kept.
-        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
-        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
-            A process keeps the backend and the threads that it began with.
-        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
-        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
-            1; `drift.progress` makes one. An exception that it raises ends the run.
+        **options: as in `drift.run`.
 
     Returns:
         The distribution of the release: its map, time and mean place, and how much the finds say of it [bit].
@@ -547,7 +498,7 @@ def origin(
     """
     if case.spill is None:
         raise UserError(f"{case.path.name}: has no [spill]; an origin is estimated from the [[find]]s of a spill")
-    job = open_job(case, Options(out, datasets, threads, backend, overwrite, report))
+    job = open_job(case, Options(out, **options))
     where = job.where
     assert where.coast is not None
     with job.clock.phase("read"):

@@ -7,12 +7,14 @@ thread at a time.
 
 import contextlib
 import functools
+import inspect
 import os
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypedDict, TypeVar, get_args, get_type_hints
 
 from drift.case.record import Case
 from drift.engine.environment.environment import Environment
@@ -42,22 +44,55 @@ class Stopwatch:
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
 
 
-@dataclass(frozen=True)
-class Options:
-    """How a job is to be done, whatever its case is.
+class JobOptions(TypedDict, total=False):
+    """Options of whatever reads forcing and moves particles.
 
-    These are the options of `drift.run`, `plan`, `patrol` and `origin`, in their order.
+    Attributes:
+        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
+            read, and not kept.
+        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
+        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth
+            it. A process keeps the backend and the threads that it began with.
+        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
+        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done,
+            0 to 1; `drift.progress` makes one. An exception that it raises ends the run.
     """
 
-    out: str | os.PathLike[str] | None = None  # folder for results; None: they are returned, and not written
+    datasets: Mapping[str, Any] | None
+    threads: int | None
+    backend: str
+    overwrite: bool
+    report: Report | None
+
+
+class RunOptions(JobOptions, total=False):
+    """Options of `drift.run`, `plan`, `patrol`, `place` and `allocate`: those of JobOptions, and these.
+
+    Attributes:
+        memory: memory that the run may take [GiB]; None: half of what is free. A run that needs more is moved in shards.
+        shards: into how many parts the particles are cut, moved one after another; None: as the memory asks. No number
+            of them changes a bit of the results.
+        client: a dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it.
+    """
+
+    memory: float | None
+    shards: int | None
+    client: Any
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a job is to be done, whatever its case is: a folder for the results, and RunOptions with their defaults."""
+
+    out: str | os.PathLike[str] | None = None  # None: results are returned, and not written
     datasets: Mapping[str, Any] | None = None
     threads: int | None = None
     backend: str = "cpu"
     overwrite: bool = False
     report: Report | None = None
-    memory: float | None = None  # [GiB] that a run may take; None: half of what is free
-    shards: int | None = None  # into which its particles are cut; None: as many as the memory asks for
-    client: Any = None  # dask.distributed.Client whose workers move the shards; None: this process does
+    memory: float | None = None
+    shards: int | None = None
+    client: Any = None
 
 
 @dataclass(frozen=True)
@@ -103,6 +138,7 @@ def in_turn(function: Callable[P, R]) -> Callable[P, R]:
     """Return a function that waits until no other thread of the program runs a case, then does its work.
 
     A graphics card that is full on the way becomes a UserError. The wait heeds signals. A call from within a run, by its `report` say, does not wait.
+    `**options` of the function are spelled out in the signature and the docstring of the new one.
     """
 
     @functools.wraps(function)
@@ -110,4 +146,27 @@ def in_turn(function: Callable[P, R]) -> Callable[P, R]:
         with runtime.alone(), runtime.telling_full():
             return function(*args, **kwargs)
 
+    _spell_out_options(function, waiting)
     return waiting
+
+
+def _spell_out_options(function: Callable[..., Any], shown: Any) -> None:
+    """Have a function's `**options` stand in the signature and the docstring of the one that is shown for it."""
+    parameters = dict(inspect.signature(function).parameters)
+    last = parameters.pop("options", None)
+    if last is None:
+        return
+    (given,) = get_args(last.annotation)  # of Unpack
+    defaults = Options()
+    for name, kind in get_type_hints(given).items():
+        parameters[name] = last.replace(
+            name=name, kind=inspect.Parameter.KEYWORD_ONLY, default=getattr(defaults, name), annotation=kind
+        )
+    shown.__signature__ = inspect.signature(function).replace(parameters=list(parameters.values()))
+    told = "".join(_told(one) for one in ((JobOptions,) if given is JobOptions else (JobOptions, RunOptions)))
+    shown.__doc__ = re.sub(r"^ +\*\*options: .*\n", lambda _: told, inspect.getdoc(function) or "", flags=re.MULTILINE)
+
+
+def _told(options: type) -> str:
+    """Return what the docstring of a class of options says of each."""
+    return (inspect.getdoc(options) or "").partition("Attributes:\n")[2].rstrip() + "\n"

@@ -5,10 +5,10 @@ been carried out and heard nothing.
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from drift.evidence.filter.records import Law, Sortie
 from drift.evidence.suspend.further import Planned
 from drift.pipeline import flow, run_metadata
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import Job, Options, Report, in_turn, open_job
+from drift.pipeline.run_options import Job, RunOptions, in_turn
 from drift.pipeline.shards import shelf
 from drift.planning.arrays import chapter, placement, placement_bound, ways
 from drift.planning.arrays.placement import Placement
@@ -47,15 +47,7 @@ class ArrayPlan:
 def place(
     case: Case,
     out: str | os.PathLike[str] | None = None,
-    *,
-    datasets: Mapping[str, Any] | None = None,
-    threads: int | None = None,
-    backend: str = "cpu",
-    overwrite: bool = False,
-    report: Report | None = None,
-    memory: float | None = None,
-    shards: int | None = None,
-    client: Any = None,
+    **options: Unpack[RunOptions],
 ) -> tuple[ArrayPlan, Result]:
     """Plan where a case's ships tow their arrays; with `out`, write it and the forecast of their hearing nothing.
 
@@ -64,18 +56,7 @@ def place(
     Args:
         case: of `drift.load` or `drift.vary`.
         out: a folder for the results, written completely or not at all; None: nothing is written.
-        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
-            read, and not kept.
-        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
-        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
-            A process keeps the backend and the threads that it began with.
-        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
-        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
-            1; `drift.progress` makes one. An exception that it raises ends the run.
-        memory: memory that the run may take [GiB]; None: half of what is free. A run that needs more is moved in shards.
-        shards: into how many parts the particles are cut, moved one after another; None: as the memory asks. No number of
-            them changes a bit of the results.
-        client: a dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it.
+        **options: as in `drift.run`.
 
     Returns:
         The plan and the forecast: `sorties` of the ships, `pos`, the probability that any of them hears the target (0 to 1), and its
@@ -92,10 +73,7 @@ def place(
             f"{case.path.name}: plan: the last sortie or contact is at {notation.group(case.plan.begin)}, when the plan is to "
             "end; give begin and until in [plan], or run for longer"
         )
-    job = open_job(
-        case,
-        Options(out, datasets, threads, shelf.settled(backend, out, client), overwrite, report, memory, shards, client),
-    )
+    job = flow.open_run(case, out, options)
     plan, executed, result = towed(job)
     if job.out is not None:
         flow.write(result, job, more=[chapter.chapter(matter(job, plan, executed, result))], planned=ahead(plan))

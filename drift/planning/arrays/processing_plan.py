@@ -6,10 +6,10 @@ of the case as it is, or, where ships that tow arrays are placed by the same pla
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from drift.case.record import Case
 from drift.evidence.sensors.records import Processing
 from drift.pipeline import flow, run_metadata
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import Job, Options, Report, in_turn, open_job
+from drift.pipeline.run_options import Job, RunOptions, in_turn
 from drift.pipeline.shards import shelf
 from drift.planning.arrays import beams, manning, planner, processing, processing_chapter, records
 from drift.planning.arrays import chapter as tow_chapter
@@ -53,15 +53,7 @@ class ProcessingPlan:
 def allocate(
     case: Case,
     out: str | os.PathLike[str] | None = None,
-    *,
-    datasets: Mapping[str, Any] | None = None,
-    threads: int | None = None,
-    backend: str = "cpu",
-    overwrite: bool = False,
-    report: Report | None = None,
-    memory: float | None = None,
-    shards: int | None = None,
-    client: Any = None,
+    **options: Unpack[RunOptions],
 ) -> tuple[ProcessingPlan, Result]:
     """Plan which beams of a case's arrays to process when; with `out`, write it and a forecast.
 
@@ -72,18 +64,7 @@ def allocate(
     Args:
         case: of `drift.load` or `drift.vary`.
         out: a folder for the results, written completely or not at all; None: nothing is written.
-        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
-            read, and not kept.
-        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
-        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
-            A process keeps the backend and the threads that it began with.
-        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
-        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
-            1; `drift.progress` makes one. An exception that it raises ends the run.
-        memory: memory that the run may take [GiB]; None: half of what is free. A run that needs more is moved in shards.
-        shards: into how many parts the particles are cut, moved one after another; None: as the memory asks. No number of
-            them changes a bit of the results.
-        client: a dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it.
+        **options: as in `drift.run`.
 
     Returns:
         The plan and the forecast: beams by period, probability of detection (0 to 1) with a bound and what other choices are worth;
@@ -105,10 +86,7 @@ def allocate(
         )
     refuse_crowds(asked)
     today_of(asked)
-    job = open_job(
-        case,
-        Options(out, datasets, threads, shelf.settled(backend, out, client), overwrite, report, memory, shards, client),
-    )
+    job = flow.open_run(case, out, options)
     chapters: list[Chapter] = []
     ahead = None
     executed = case

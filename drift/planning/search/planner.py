@@ -6,10 +6,10 @@ the evidence of its having failed: the same run that a debrief would make.
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from drift.forecast import effective, likeliest, mapped
 from drift.forecast.effective import Count
 from drift.pipeline import flow, run_metadata
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import Job, Options, Report, in_turn, open_job
+from drift.pipeline.run_options import Job, Report, RunOptions, in_turn
 from drift.pipeline.shards import shelf
 from drift.planning.search import bound as bounds
 from drift.planning.search import follow, optimiser
@@ -42,15 +42,7 @@ from kernels.maths.noise import Purpose
 def plan(
     case: Case,
     out: str | os.PathLike[str] | None = None,
-    *,
-    datasets: Mapping[str, Any] | None = None,
-    threads: int | None = None,
-    backend: str = "cpu",
-    overwrite: bool = False,
-    report: Report | None = None,
-    memory: float | None = None,
-    shards: int | None = None,
-    client: Any = None,
+    **options: Unpack[RunOptions],
 ) -> tuple[Plan, Result]:
     """Plan the next search of a case; with `out`, write it and the forecast of its failure.
 
@@ -59,18 +51,7 @@ def plan(
     Args:
         case: of `drift.load` or `drift.vary`.
         out: a folder for the results, written completely or not at all; None: nothing is written.
-        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
-            read, and not kept.
-        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
-        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
-            A process keeps the backend and the threads that it began with.
-        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
-        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
-            1; `drift.progress` makes one. An exception that it raises ends the run.
-        memory: memory that the run may take [GiB]; None: half of what is free. A run that needs more is moved in shards.
-        shards: into how many parts the particles are cut, moved one after another; None: as the memory asks. No number of
-            them changes a bit of the results.
-        client: a dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it.
+        **options: as in `drift.run`.
 
     Returns:
         The plan and the forecast: `plan.taskings` has a sub-area, legs [m], times [UTC], track spacing [m] and POS (0 to 1) for each
@@ -81,10 +62,7 @@ def plan(
             `[plan]`, or what `drift.run` rejects.
     """
     check(case)
-    job = open_job(
-        case,
-        Options(out, datasets, threads, shelf.settled(backend, out, client), overwrite, report, memory, shards, client),
-    )
+    job = flow.open_run(case, out, options)
     proposed, executed, result = scheme(job)
     if job.out is not None:
         shown = None if proposed.shares is None else likeliest.likeliest_scenarios(proposed.shares)
