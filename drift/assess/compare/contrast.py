@@ -7,11 +7,11 @@ how much of it chance may be is told with each (drift.assess.compare.units).
 import contextlib
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple, Unpack
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from drift.forecast.build import Forecast
 from drift.pipeline import flow, run_setup
 from drift.pipeline.flow import Moved
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import Job, Options, Report, in_turn, open_job
+from drift.pipeline.run_options import Job, JobOptions, Options, Report, in_turn, open_job
 from drift.pipeline.run_setup import Start
 from drift.planning.search import planner
 from drift.planning.search.records import Plan
@@ -44,11 +44,7 @@ def compare(
     out: str | os.PathLike[str] | None = None,
     *,
     plan: bool = False,
-    datasets: Mapping[str, Any] | None = None,
-    threads: int | None = None,
-    backend: str = "cpu",
-    overwrite: bool = False,
-    report: Report | None = None,
+    **options: Unpack[JobOptions],
 ) -> Contrast:
     """Run two cases on the same random numbers and say how b differs from a; with `out`, write that there.
 
@@ -58,14 +54,7 @@ def compare(
         a, b: of `drift.load` or `drift.vary`.
         out: a folder for the results, written completely or not at all; None: nothing is written.
         plan: whether the next search of each is planned too, and what the plans find compared.
-        datasets: the xarray.Datasets that sources of either with `dataset = "name"` name, by that name; they are only
-            read, and not kept.
-        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
-        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
-            A process keeps the backend and the threads that it began with.
-        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
-        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
-            1; `drift.progress` makes one. An exception that it raises ends the run.
+        **options: as in `drift.run`.
 
     Returns:
         Both results, and `differences`: a pandas.DataFrame of each figure of a, of b, their difference and its standard error by
@@ -75,16 +64,17 @@ def compare(
         UserError: what a user can change, one line for each mistake (`error.lines`): cases that
             cannot be held to the same particles, and what `drift.run` rejects.
     """
+    asked = Options(out, **options)
     if out is not None:
-        writer.check_folder(Path(out), overwrite, (*chapter.FILES, *chapter.PICTURES))
+        writer.check_folder(Path(out), asked.overwrite, (*chapter.FILES, *chapter.PICTURES))
     case_a, case_b = pairing.paired(a, b)
     for case in (case_a, case_b) if plan else ():
         planner.check(case)
 
     def job_of(case: Case, name: str) -> Job:
         named = {spec.dataset for spec in case.sources}
-        own = {key: data for key, data in (datasets or {}).items() if key in named}
-        return open_job(case, Options(None, own, threads, backend, False, _of(report, name)))
+        own = {key: data for key, data in (asked.datasets or {}).items() if key in named}
+        return open_job(case, replace(asked, out=None, datasets=own, report=_of(asked.report, name)))
 
     job_a, job_b = job_of(case_a, "A"), job_of(case_b, "B")
     begin_a, begin_b, notes = _begun(job_a, job_b)
@@ -112,7 +102,7 @@ def compare(
         job_a.tell("write", 0.0)
         chapters = chapter.chapters(found, (job_a, job_b))
         setting, tell = chapter.setting(found, (job_a, job_b)), partial(job_a.tell, "write")
-        flow.publish(Path(out), chapters, setting, overwrite=overwrite, tell=tell)
+        flow.publish(Path(out), chapters, setting, overwrite=asked.overwrite, tell=tell)
     return found
 
 

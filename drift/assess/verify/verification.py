@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from drift.case.record import Case
 from drift.engine.motion.forcing_error import NOWHERE, ForcingError
 from drift.engine.particles.status import Status, on_map
 from drift.pipeline import many
-from drift.pipeline.run_options import in_turn
+from drift.pipeline.run_options import JobOptions, Options, in_turn
 from drift.products.files import writer
 from drift.tracking.tracks import clusters
 from drift.tracking.tracks import records as drifter_records
@@ -131,11 +131,7 @@ def verify(
     fastest: float = drifter_records.FASTEST,
     ends_aground: bool = False,
     particles: int = PARTICLES,
-    datasets: Mapping[str, Any] | None = None,
-    threads: int | None = None,
-    backend: str = "cpu",
-    overwrite: bool = False,
-    report: Report | None = None,
+    **options: Unpack[JobOptions],
 ) -> Verification:
     """Forecast drifters from many starts, and return how well that went; with `out`, write that there.
 
@@ -152,14 +148,7 @@ def verify(
         fastest: speed [m/s] beyond which a fix is not believed.
         ends_aground: whether a drifter whose track ends near the shore ran aground there, and is scored there until the end.
         particles: of each forecast, 500 at least.
-        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
-            read, and not kept.
-        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
-        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
-            A process keeps the backend and the threads that it began with.
-        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
-        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
-            1; `drift.progress` makes one. An exception that it raises ends the run.
+        **options: as in `drift.run`.
 
     Returns:
         By lead time: separation of mean and drifter [m], skill beside staying put, share of drifters in each area (0 to 1), with
@@ -170,9 +159,9 @@ def verify(
     """
     from drift.assess.verify import chapter  # here: it knows what a verification is
 
-    target = None if out is None else Path(out)
+    asked, target = Options(out, **options), None if out is None else Path(out)
     if target is not None:
-        writer.check_folder(target, overwrite, (*chapter.FILES, *chapter.PICTURES))
+        writer.check_folder(target, asked.overwrite, (*chapter.FILES, *chapter.PICTURES))
     _check(every, hours, error, gap, particles)
     names = dict(columns or {})
     along.check_case(case, names)
@@ -191,15 +180,22 @@ def verify(
         notes.append(f"{len(cases) - len(kept)} starts left out: the columns named have no value at the drifter")
     if not kept:
         raise UserError("--columns: the columns named have no value at any drifter")
-    forecasts = many.run_many(list(kept.values()), datasets=datasets, threads=threads, backend=backend, report=report)
+    forecasts = many.run_many(
+        list(kept.values()),
+        datasets=asked.datasets,
+        threads=asked.threads,
+        backend=asked.backend,
+        report=asked.report,
+    )
     rows, refused = _scored(forecasts, list(kept), stranded, times)
     notes += [*_aground_notes(rows, stranded), *_lost_notes(case, rows, refused)]
     if refused:
         left_out["refused"] = len(refused)
     result = _joined(case, stranded.tracks, rows, times, error, tuple(notes), left_out)
     if target is not None:
-        (report or (lambda phase, share: None))("write", 0.0)
-        writer.write(target, [chapter.chapter(result)], overwrite=overwrite)
+        if asked.report:
+            asked.report("write", 0.0)
+        writer.write(target, [chapter.chapter(result)], overwrite=asked.overwrite)
     return result
 
 
