@@ -152,9 +152,11 @@ def _scenario(
     adrift = not table.phase or table.distress is not None
     if len(chosen) == len(forcing) and adrift and _forced(table.motion):
         with wrong.gathered():
-            _check_sources(place, drifter, chosen)
+            _check_sources(place, drifter, chosen, own)
         if own is not None and "waves" in own.uses and not chosen["stokes"]:
-            wrong.lines.append(f"{place}: {own.path.name} takes waves and there are none: add [[stokes]] with files")
+            wrong.lines.append(
+                f"{place}: {own.path.name} takes waves and there are none: add [[stokes]], their Stokes drift"
+            )
     elif itinerary is not None and itinerary.currents == "felt" and not chosen.get("current", True):
         wrong.lines.append(
             f'{place}.vessel.currents is "felt" and there is no current: add [[current]] with files, or leave it out'
@@ -216,7 +218,9 @@ def _departures(first: Phase) -> list[np.datetime64]:
     return [first.start + np.timedelta64(round(t), "s") for t in (low + first.after.low, high + first.after.high)]
 
 
-def _check_sources(place: str, drifter: Drifter, named: Mapping[str, tuple[str, ...]]) -> None:
+def _check_sources(
+    place: str, drifter: Drifter, named: Mapping[str, tuple[str, ...]], own: OwnMotion | None = None
+) -> None:
     wrong = Mistakes()
     if not named["current"]:
         wrong.lines.append(
@@ -224,8 +228,9 @@ def _check_sources(place: str, drifter: Drifter, named: Mapping[str, tuple[str, 
             "to say that there is none"
         )
     if drifter.uses_wind and not named["wind"]:
+        needs = f"{own.path.name} takes wind" if own else f'object "{drifter.name}" drifts with the wind'
         wrong.lines.append(
-            f'{place}: object "{drifter.name}" drifts with the wind and there is none: add [[wind]] with files, or '
+            f"{place}: {needs} and there is none: add [[wind]] with files, or "
             'constant = { speed = "12 kn", from = 240 }'
         )
     wrong.refuse()

@@ -4,6 +4,7 @@ The file is run when it is loaded: it is a program, as much as this one.
 """
 
 import hashlib
+import inspect
 import sys
 from collections.abc import Callable
 from importlib import util
@@ -51,11 +52,14 @@ def load(path: Path, digest: str) -> Callable[..., Any]:
     sys.modules[name] = module  # the compiler looks there for the function's names
     try:
         spec.loader.exec_module(module)
-        function = getattr(module, FUNCTION)
-    except Exception as error:  # whatever a user's file raises
+    except (Exception, SystemExit) as error:  # whatever a user's file raises
         del sys.modules[name]
-        raise UserError(f"{path.name}: running it failed: {type(error).__name__}: {error}") from error
-    return function if hasattr(function, "_is_taichi_function") else ti.func(function)
+        told = " ".join(str(error).split())
+        raise UserError(f"{path.name}: running it failed: {type(error).__name__}: {told}") from error
+    for own, value in list(vars(module).items()):
+        if inspect.isfunction(value) and value.__module__ == name and not hasattr(value, "_is_taichi_function"):
+            setattr(module, own, ti.func(value))
+    return getattr(module, FUNCTION)
 
 
 def in_sea(function: Callable[..., Any], by_latitude: bool) -> Any:
@@ -93,32 +97,44 @@ def in_sea(function: Callable[..., Any], by_latitude: bool) -> Any:
 @ti.kernel
 def _through(function: ti.template(), by_latitude: ti.template(), given: Reals, way: Reals, latitude: ti.f32):
     for i in range(way.shape[0] >> 1):
-        current, wind = f32x2(given[8 * i], given[8 * i + 1]), f32x2(given[8 * i + 2], given[8 * i + 3])
-        parameters = f32x4([given[8 * i + 4 + k] for k in ti.static(range(4))])
+        current, wind = f32x2(given[10 * i], given[10 * i + 1]), f32x2(given[10 * i + 2], given[10 * i + 3])
+        waves = f32x2(given[10 * i + 4], given[10 * i + 5])
+        parameters = f32x4([given[10 * i + 6 + k] for k in ti.static(range(4))])
         v = f32x2(0.0)
         if ti.static(by_latitude):
-            v = function(current, wind, f32x2(0.0), parameters, latitude)
+            got = function(current, wind, waves, parameters, latitude)
+            v = got  # which fails where it has not two numbers
+            v[0] = got[0]  # and this where it has one
         else:
-            v = function(current, wind, f32x2(0.0), parameters)
+            got = function(current, wind, waves, parameters)
+            v = got
+            v[0] = got[0]
         way[2 * i], way[2 * i + 1] = v[0] - current[0], v[1] - current[1]
 
 
 def through_water(
-    function: Callable[..., Any], by_latitude: bool, current: Array, wind: Array, parameters: Array, latitude: float
+    function: Callable[..., Any],
+    by_latitude: bool,
+    current: Array,
+    wind: Array,
+    waves: Array,
+    parameters: Array,
+    latitude: float,
 ) -> Array:
-    """Return the velocity relative to the current [m/s] (n, 2) that a user's function gives, without waves.
+    """Return the velocity relative to the current [m/s] (n, 2) that a user's function gives.
 
     Args:
         function: as `load` returns it.
         by_latitude: whether it takes the latitude.
         current: [m/s] east, north (n, 2).
         wind: [m/s] east, north (n, 2).
+        waves: their Stokes drift [m/s] east, north (n, 2).
         parameters: (n, 4).
         latitude: [rad].
 
     """
 
-    given = np.hstack([current, wind, parameters]).astype(np.float32)
+    given = np.hstack([current, wind, waves, parameters]).astype(np.float32)
     way = np.zeros((len(given), 2), np.float32)
     _through(function, by_latitude, given.ravel(), way.ravel(), latitude)
     return way.astype(np.float64)

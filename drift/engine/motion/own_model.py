@@ -27,7 +27,9 @@ from kernels.step import prior as draws
 COLUMNS = ("down_slope", "down_offset", "right_slope", "right_offset")  # that hold the parameters, in their order
 SPARE = "left_offset"  # that nothing reads
 CURRENTS = (0.0, 1.0, 2.5)  # [m/s] in which a function is asked how fast it goes through the water
-DIRECTIONS = np.radians(np.arange(0, 360, 15))
+DIRECTIONS = np.radians(np.arange(0, 360, 45))
+WINDS = 24  # speeds of the wind, from none to the greatest, at which it is asked
+WAVES = (0.0, 0.02)  # their Stokes drift as shares of the wind
 LATITUDES = np.radians([-75.0, -45.0, -15.0, 0.1, 15.0, 45.0, 75.0])
 
 
@@ -92,22 +94,33 @@ def _fastest(own: OwnMotion, function: Callable[..., Any], wind: float, spreads:
     parameters = np.array(list(product(*ways, *[[0.0]] * (MOST - len(ways)))))
     toward = np.column_stack([np.sin(DIRECTIONS), np.cos(DIRECTIONS)])
     currents = np.vstack([speed * toward[:1] for speed in CURRENTS])
-    winds = np.vstack([np.zeros((1, 2)), 0.5 * wind * toward, wind * toward])
+    winds = np.vstack([speed * toward for speed in np.linspace(0.0, wind, WINDS)])
     asked = [np.concatenate(row) for row in product(currents, winds, parameters)]
     current, blown, chosen = np.split(np.array(asked), [2, 4], axis=1)
-    speeds = [_speeds(own, function, current, blown, chosen, latitude) for latitude in LATITUDES]
+    speeds = [
+        _speeds(own, function, (current, blown, share * blown, chosen), latitude)
+        for latitude in LATITUDES
+        for share in WAVES
+    ]
     return float(np.max(speeds))
 
 
 def _speeds(
-    own: OwnMotion, function: Callable[..., Any], current: Array, wind: Array, parameters: Array, latitude: float
+    own: OwnMotion, function: Callable[..., Any], given: tuple[Array, Array, Array, Array], latitude: float
 ) -> Array:
-    """Return speeds through the water [m/s] (n,); raise UserError where one is no number."""
+    """Return speeds through the water [m/s] (n,); raise UserError where one is no number.
+
+    given: what the function takes, (n, 2) each, and parameters (n, 4).
+    """
+    current, wind, _, parameters = given
     try:
-        way = own_velocity.through_water(function, own.by_latitude, current, wind, parameters, latitude)
+        way = own_velocity.through_water(function, own.by_latitude, *given, latitude)
     except Exception as error:  # whatever Taichi says of a function that it does not understand
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-        raise UserError(f"{own.path.name}: velocity can't be compiled: {lines[-1] if lines else error}") from error
+        raise UserError(
+            f"{own.path.name}: velocity can't be compiled ({lines[-1] if lines else error}); it must return two numbers, "
+            "east and north, as docs/howto/model.md says"
+        ) from error
     speed: Array = np.hypot(way[:, 0], way[:, 1])
     if not np.isfinite(speed).all():
         k = int(np.argmin(np.isfinite(speed)))

@@ -6,7 +6,7 @@ tuple PARAMETERS; docs/howto/model.md shows one. drift.engine.motion.own_model m
 
 import ast
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,7 +47,8 @@ def read(path: Path, given: Mapping[str, tuple[float, float]]) -> OwnMotion:
         given: mean and standard deviation of each parameter, by name.
 
     Raises:
-        UserError: where the file is no Python, lacks the function, or the parameters are others than it names.
+        UserError: where the file is no Python, its function is not as it must be, or the parameters are others than it
+            names.
     """
     data = path.read_bytes()
     try:
@@ -55,38 +56,121 @@ def read(path: Path, given: Mapping[str, tuple[float, float]]) -> OwnMotion:
     except (SyntaxError, ValueError) as error:
         where = f" in line {error.lineno}" if isinstance(error, SyntaxError) else ""
         raise UserError(f"{path.name} is no Python{where}: {getattr(error, 'msg', error)}") from None
-    function = next((x for x in tree.body if isinstance(x, ast.FunctionDef) and x.name == FUNCTION), None)
-    if function is None:
-        raise UserError(f"{path.name} has no function {FUNCTION}({', '.join(TAKES)}); see docs/howto/model.md")
-    takes = tuple(argument.arg for argument in function.args.args)
-    if takes not in (TAKES, (*TAKES, LATITUDE)):
-        raise UserError(
-            f"{path.name}: {FUNCTION}({', '.join(takes)}) must take ({', '.join(TAKES)}), and {LATITUDE} after them "
-            "if it needs it"
-        )
+    function = _function(tree, path)
     names = _names(tree, path)
+    _check_body(function, tree, names, path)
     _check(names, given, path)
-    read_names = {x.id for x in ast.walk(function) if isinstance(x, ast.Name)}
+    takes = [argument.arg for argument in function.args.args]
     return OwnMotion(
         path,
         hashlib.sha256(data).hexdigest(),
         tuple(Parameter(name, *given[name]) for name in names),
-        tuple(name for name in TAKES if name in read_names),
+        tuple(name for name in TAKES if name in _read(function)),
         takes[-1] == LATITUDE,
     )
 
 
+def _function(tree: ast.Module, path: Path) -> ast.FunctionDef:
+    """Return the definition of a file's function; raise UserError where there is none, or more than one."""
+    made = [line for line in tree.body if FUNCTION in _bound(line)]
+    if len(made) > 1:
+        raise UserError(
+            f"{path.name}: {FUNCTION} is defined in lines {_listed(line.lineno for line in made)}; keep one"
+        )
+    if not made or not isinstance(made[0], ast.FunctionDef):
+        raise UserError(
+            f"{path.name} has no function {FUNCTION}({', '.join(TAKES)}) outside classes, branches and other functions; "
+            "see docs/howto/model.md"
+        )
+    given = made[0].args
+    takes = tuple(argument.arg for argument in given.args)
+    plain = not (given.posonlyargs or given.kwonlyargs or given.vararg or given.kwarg or given.defaults)
+    if not plain or takes not in (TAKES, (*TAKES, LATITUDE)):
+        raise UserError(
+            f"{path.name}: {FUNCTION}({ast.unparse(given)}) must take ({', '.join(TAKES)}), and {LATITUDE} after them "
+            "if it needs it"
+        )
+    return made[0]
+
+
+def _bound(line: ast.stmt) -> set[str]:
+    """Return the names that a line of a module binds."""
+    if isinstance(line, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        return {line.name}
+    targets = line.targets if isinstance(line, ast.Assign) else [line.target] if isinstance(line, ast.AnnAssign) else []
+    return {target.id for target in targets if isinstance(target, ast.Name)}
+
+
+def _check_body(function: ast.FunctionDef, tree: ast.Module, names: tuple[str, ...], path: Path) -> None:
+    """Raise UserError for what the compiler would end the process at, take in a wrong way, or explain badly."""
+    lines = []
+    returns = [node for node in ast.walk(function) if isinstance(node, ast.Return)]
+    if len(returns) != 1 or returns[0] is not function.body[-1] or returns[0].value is None:
+        where = f", not in line{'s' * (len(returns) > 1)} {_listed(one.lineno for one in returns)}" if returns else ""
+        lines.append(
+            f"{FUNCTION} must return its velocity in its last line, and nowhere else{where}; assign it to a variable in "
+            "branches"
+        )
+    for node in ast.walk(function):
+        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id == "parameters":
+            try:
+                index = ast.literal_eval(node.slice)
+            except ValueError:
+                continue
+            if index not in range(len(names)):
+                told = f"names {len(names)}: {', '.join(names)}" if names else "names none"
+                lines.append(f"line {node.lineno} reads parameters[{index}], and {NAMES} {told}")
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in ("ti", "taichi"):
+            if node.attr in ("init", "reset"):
+                lines.append(f"line {node.lineno} calls {ast.unparse(node)}, which drift does itself; leave it out")
+            elif node.attr in ("random", "randn"):
+                lines.append(
+                    f"line {node.lineno} draws with {ast.unparse(node)}; say what is uncertain in [uncertainty]"
+                )
+    if lines:
+        raise UserError(*(f"{path.name}: {line}" for line in lines))
+
+
+def _listed(numbers: Iterable[int]) -> str:
+    return ", ".join(map(str, sorted(numbers)))
+
+
+def _read(function: ast.FunctionDef) -> set[str]:
+    """Return the names that a function reads before it gives them a value of its own."""
+    reads: set[str] = set()
+    own: set[str] = set()
+
+    class Reader(ast.NodeVisitor):
+        def visit_Assign(self, node: ast.Assign) -> None:
+            self.visit(node.value)
+            for target in node.targets:
+                self.visit(target)
+
+        def visit_AugAssign(self, node: ast.AugAssign) -> None:
+            self.visit(node.value)
+            if isinstance(node.target, ast.Name) and node.target.id not in own:
+                reads.add(node.target.id)
+            self.visit(node.target)
+
+        def visit_Name(self, node: ast.Name) -> None:
+            if isinstance(node.ctx, ast.Store):
+                own.add(node.id)
+            elif node.id not in own:
+                reads.add(node.id)
+
+    for line in function.body:
+        Reader().visit(line)
+    return reads
+
+
 def _names(tree: ast.Module, path: Path) -> tuple[str, ...]:
     """Return the names of the parameters, as the file lists them."""
-    for line in tree.body:
-        targets = line.targets if isinstance(line, ast.Assign) else []
-        if any(isinstance(target, ast.Name) and target.id == NAMES for target in targets):
-            break
-    else:
+    line = next((line for line in tree.body if NAMES in _bound(line)), None)
+    if line is None:
         return ()
-    assert isinstance(line, ast.Assign)
     try:
-        names = ast.literal_eval(line.value)
+        names = ast.literal_eval(getattr(line, "value", None) or ast.Name("nothing"))
     except ValueError:
         names = None
     if not isinstance(names, tuple | list) or not all(isinstance(name, str) for name in names):

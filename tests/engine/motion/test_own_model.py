@@ -131,6 +131,7 @@ name = "raft"
 object = "LIFE-RAFT-NB-1"
 position = { at = "59-20N 001-10E", error = "3 nmi" }
 """
+PLAIN = "def velocity(current, wind, waves, parameters):\n    return wind\n"
 DOWNWIND = "def velocity(current, wind, waves, parameters):\n    return current + waves + parameters[0] * wind\n"
 
 
@@ -157,6 +158,25 @@ def test_a_file_is_run_by_a_run_and_not_by_reading(tmp_path: Path) -> None:
         drift.run(case)
 
 
+def test_plain_helpers_are_compiled_too_and_names_may_be_given_anew(tmp_path: Path) -> None:
+    """What is called waves is no wave once the function has given it a value of its own."""
+    own = """
+def share(wind):
+    if wind.norm() > 5.0:
+        wind *= 0.5
+    return wind
+
+def velocity(current, wind, waves, parameters):
+    waves = 0.04 * share(wind)
+    return current + waves
+"""
+    scenario = BERG.format(at="59-40N 001-40E").replace("parameters = { length = 1800, width = 900 }\n", "")
+    one = drift.run(loaded(tmp_path, own, scenario)).particles.isel(time=-1)
+    plain = scenario.replace('motion = "own.py"', 'object = { windage = "2 %" }')
+    other = drift.run(loaded(tmp_path, own, plain)).particles.isel(time=-1)
+    assert np.hypot((one["lon"] - other["lon"]) * 0.5, one["lat"] - other["lat"]).values.max() * 111_000 < 2.5
+
+
 def test_a_file_that_has_changed_meanwhile_is_refused(tmp_path: Path) -> None:
     case = loaded(tmp_path, iceberg(), BERG.format(at="46-45N 047-30W"))
     (tmp_path / "own.py").write_text(iceberg() + "\n", encoding="utf-8")
@@ -174,24 +194,47 @@ def test_another_file_makes_another_case(tmp_path: Path) -> None:
     assert loaded(tmp_path, iceberg(), scenario).inputs == (str(tmp_path / "own.py"),)
 
 
+GIVEN = "def velocity(current, wind, waves, parameters):\n"
+NONE = "def velocity(current, wind, waves, parameters):\n    x = wind\n"
 REFUSED = {
     "no file": (None, "", 'motion: no file "own.py"; looked for '),
     "no Python": ("def velocity(:\n", "", "own.py is no Python in line 1: "),
     "no function": ("speed = 3\n", "", "own.py has no function velocity(current, wind, waves, parameters)"),
+    "in a branch": (f"if True:\n    {GIVEN}        return wind\n", "", "outside classes, branches and other functions"),
+    "async": (f"async {GIVEN}    return wind\n", "", "own.py has no function velocity("),
+    "twice": (f"{DOWNWIND}{DOWNWIND}", "", "own.py: velocity is defined in lines 1, 3; keep one"),
+    "bound anew": (f"{DOWNWIND}velocity = 3\n", "", "own.py: velocity is defined in lines 1, 3; keep one"),
     "other arguments": (
         "def velocity(wind, current, waves, parameters):\n    return wind\n", "",
         "own.py: velocity(wind, current, waves, parameters) must take (current, wind, waves, parameters)",
     ),
+    "more arguments": (
+        "def velocity(current, wind, waves, parameters, *, k=1):\n    return wind\n", "",
+        "own.py: velocity(current, wind, waves, parameters, *, k=1) must take (current,",
+    ),
+    "no return": (NONE, "", "own.py: velocity must return its velocity in its last line, and nowhere else; assign"),
+    "nothing returned": (f"{NONE}    return\n", "", "must return its velocity in its last line, and nowhere else, not in line 3;"),
+    "two returns": (
+        f"{GIVEN}    if wind[0] > 0:\n        return wind\n    return current\n", "",
+        "must return its velocity in its last line, and nowhere else, not in lines 3, 4; assign it to a variable in branches",
+    ),
+    "a parameter too many": (
+        f"PARAMETERS = ('a',)\n{GIVEN}    return wind * parameters[1]\n", "parameters = { a = 1 }",
+        "own.py: line 3 reads parameters[1], and PARAMETERS names 1: a",
+    ),
+    "a parameter of none": (f"{GIVEN}    return wind * parameters[-1]\n", "", "line 2 reads parameters[-1], and PARAMETERS names none"),
+    "chance": (f"{GIVEN}    return wind * ti.random()\n", "", "line 2 draws with ti.random; say what is uncertain in [uncertainty]"),
+    "a start": (f"import taichi as ti\nti.init()\n{DOWNWIND}", "", "line 2 calls ti.init, which drift does itself; leave it out"),
     "names that are none": (f"PARAMETERS = (1, 2)\n{DOWNWIND}", "", "own.py: PARAMETERS must be a tuple of names"),
-    "too many": (f"PARAMETERS = tuple('abcde')\n{DOWNWIND}", "", "own.py: PARAMETERS must be a tuple of names"),
+    "made names": (f"PARAMETERS = tuple('abcde')\n{DOWNWIND}", "", "own.py: PARAMETERS must be a tuple of names"),
     "five": (f"PARAMETERS = ('a', 'b', 'c', 'd', 'e')\n{DOWNWIND}", "", "PARAMETERS has a, b, c, d, e; at most 4 are"),
-    "missing": (f"PARAMETERS = ('a', 'b')\n{DOWNWIND}", "parameters = { a = 1 }", 'parameters: "b" is missing; own.py takes a, b'),
-    "unknown": (DOWNWIND, "parameters = { a = 1 }", 'parameters: "a" is unknown; own.py takes none'),
-    "negative": (DOWNWIND, "parameters = { a = { mean = 1, std = -1 } }", "parameters.a.std"),
-    "no waves": (DOWNWIND.replace("waves +", "waves * 2 +"), "", "own.py takes waves and there are none: add [[stokes]] with files"),
-    "an object too": (DOWNWIND, 'object = "PIW-1"', 'motion = "own.py" says how it drifts; leave object out'),
-    "jibing": (DOWNWIND, "jibe = 0.1", 'jibe belongs to leeway, and motion = "own.py" has none; leave jibe out'),
-    "another word": (None, 'motion = "sail"', 'no model of motion \'sail\'; there is: "drift", and a Python file such as'),
+    "missing": (f"PARAMETERS: tuple = ('a', 'b')\n{PLAIN}", "parameters = { a = 1 }", 'parameters: "b" is missing; own.py takes a, b'),
+    "unknown": (PLAIN, "parameters = { a = 1 }", 'parameters: "a" is unknown; own.py takes none'),
+    "negative": (PLAIN, "parameters = { a = { mean = 1, std = -1 } }", "parameters.a.std"),
+    "no waves": (PLAIN.replace("return wind", "return wind + waves"), "", "own.py takes waves and there are none: add [[stokes]], their Stokes drift"),
+    "an object too": (PLAIN, 'object = "PIW-1"', 'motion = "own.py" says how it drifts; leave object out'),
+    "jibing": (PLAIN, "jibe = 0.1", 'jibe belongs to leeway, and motion = "own.py" has none; leave jibe out'),
+    "another word": (None, 'motion = "sail"', "no model of motion 'sail'; there is: \"drift\", and a Python file such as"),
     "of leeway": (None, 'motion = "drift"\nobject = "PIW-1"\nparameters = { a = 1 }', 'add motion = "FILE.py", or leave'),
 }  # fmt: skip
 
@@ -214,11 +257,17 @@ def test_what_is_wrong_is_said_in_a_line(tmp_path: Path, name: str) -> None:
     ("body", "told"),
     [
         ("return wind / (wind[0] - wind[0])", "own.py: velocity is no number in a current of 0 m/s and a wind of "),
-        ("return sorted(wind)", "own.py: velocity can't be compiled: "),
+        (
+            "return wind * ti.sqrt(ti.abs(wind.norm() - 11.5) - 1.5)",
+            "own.py: velocity is no number in a current of 0 m/s and",
+        ),
+        ("return sorted(wind)", "own.py: velocity can't be compiled ("),
+        ("return 0.1", "own.py: velocity can't be compiled ("),
+        ("return [wind[0], wind[1], 0.0]", "own.py: velocity can't be compiled ("),
     ],
 )
 def test_a_function_that_fails_is_refused_before_the_run(tmp_path: Path, body: str, told: str) -> None:
-    own = f"def velocity(current, wind, waves, parameters):\n    {body}\n"
+    own = f"import taichi as ti\n\n\ndef velocity(current, wind, waves, parameters):\n    {body}\n"
     scenario = BERG.format(at="46-45N 047-30W").replace("parameters = { length = 1800, width = 900 }\n", "")
     with pytest.raises(UserError) as refused:
         drift.run(loaded(tmp_path, own, scenario))

@@ -5,6 +5,7 @@ from drift.planning.search.products import text as plan_text
 from drift.planning.search.records import Plan
 from drift.products.report import leaves
 from drift.products.report.leaves import Leaf
+from geo import notation
 
 SPAN = ("on_scene", "off_scene")
 TOLD = [
@@ -19,7 +20,10 @@ def plan_leaves(plan: Plan) -> list[Leaf]:
     file = "plan.geojson"
     told = [*TOLD[:4], *([("pos_ashore", "of it ashore", "share")] if plan.spec.ashore else []), *TOLD[4:]]
     rows = [[row["area"], *(row[name] for name, _, _ in told)] for row in files.plan_as_json(plan)["taskings"]]
+    begin, until = (notation.group(time) for time in (plan.spec.begin, plan.spec.until))
+    units = f"{len(rows)} sub-area{'s' * (len(rows) != 1)}"
     return [
+        leaves.headline_leaf(f"The plan, {begin} to {until}, {units}: {plan_text.worth(plan)}."),
         leaves.shapes(
             "Planned areas", file, "planned", where={"shape": "area"}, span=SPAN, label="area", told=TOLD, frame=True
         ),

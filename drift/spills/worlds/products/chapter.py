@@ -11,7 +11,7 @@ from drift.products.files.chapter import Chapter, Contents, Stamped, bound
 from drift.products.maps.imprint import Setting
 from drift.products.maps.marks import Mark
 from drift.spills.worlds import renewal, unknowns, verdict
-from drift.spills.worlds.products import report
+from drift.spills.worlds.products import headline, report
 from drift.spills.worlds.products import tables as washup_tables
 from drift.spills.worlds.renewal import Aftermath
 
@@ -70,5 +70,6 @@ def chapter(matter: SpillOutputs) -> Chapter:
     """Return the chapter of a spill."""
     after = matter.after
     files = bound(FILES, matter) | (bound(FIND_FILES, matter) if after.spill.finds else {})
-    leaves = (lambda: report.spill_leaves(finds(after), renewal.silence(after)),)
+    words = headline.washup_headline(after.washup)
+    leaves = (lambda: report.spill_leaves(finds(after), renewal.silence(after), words),)
     return Chapter(renewal.summary_of_spill(after), files, bound(PICTURES, matter), leaves=leaves)

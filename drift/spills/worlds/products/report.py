@@ -25,13 +25,20 @@ BEFOREHAND = (
 )
 
 
-def spill_leaves(finds: Sequence[Mark], silence: str | None) -> list[Leaf]:
-    """Return the leaves of a spill and its finds; silence: what is taken for granted about what was not found."""
+def spill_leaves(finds: Sequence[Mark], silence: str | None, headline: str) -> list[Leaf]:
+    """Return the leaves of a spill and its finds.
+
+    Args:
+        finds: where they were made.
+        silence: what is taken for granted about what was not found; None: nothing.
+        headline: what stands on top of the report.
+    """
     words = f"Assumed: {silence}." if silence else ""
     shown = [leaves.marked("Finds", finds, (), "find")] if finds else []
     listed = [leaves.table_leaf("Finds, one by one", FINDS, file="finds.csv", note=BEFOREHAND + words)] if finds else []
     quiet = [leaves.text_leaf("What was not found", words=words)] if silence and not finds else []
     return [
+        leaves.headline_leaf(headline),
         leaves.shapes(
             "Washup by stretch", "washup.geojson", "stretch", told=TOLD, graded=("washup_times.csv", "segment", "expected")
         ),
