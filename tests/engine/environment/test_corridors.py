@@ -125,7 +125,7 @@ def refused(found: Network, land: Coast, routes: tuple[Route, ...] = ()) -> list
 
 
 @pytest.mark.parametrize("place", PLACES)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.thorough)])
 def test_lanes_are_refused_where_a_point_of_their_corridor_lies_on_land(place: str, seed: int) -> None:
     """What points find on land is refused; and of what is refused, points find land grown by some of their spacing.
 
@@ -278,7 +278,7 @@ def test_areas(name: str, spot: str) -> None:
     assert -180 <= lon < 180
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_nothing_of_the_mediterranean_network_lies_on_land() -> None:
     """Neither we nor points, 10^5 of them in corridors and as many in areas, find land; both do if the lanes are doubled.
 

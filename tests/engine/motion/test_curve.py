@@ -413,17 +413,17 @@ def written(folder: Path, **how: str) -> Path:
 
 
 def test_what_searches_inside_steps_find_does_not_depend_on_the_step(tmp_path: Path) -> None:
-    """A tide that turns through 270 degrees in five hours: POS at an hour's steps against steps of a minute.
+    """A tide that turns through 270 degrees in five hours: POS at an hour's steps against steps of three minutes.
 
     Where the drift bends southward between 03:00 and 04:00 lie an area, a look, a field and a line across it.
     """
     pos = {}
-    for step in ("1 h", "1 min"):
+    for step in ("1 h", "3 min"):
         path = written(tmp_path, step=step, coast='"none"', behaviour="")
         path.write_text(path.read_text().replace("7 h", "5 h") + SORTIES)
         updates = drift.run(drift.load(path)).summary["search"]["updates"]
         pos[step] = {update["name"]: -np.expm1(update["log_evidence"]["all"]) for update in updates}
-    for name, value in pos["1 min"].items():
+    for name, value in pos["3 min"].items():
         assert 0.05 < value < 0.95
         # Chords of up to 5 m and sweep widths of 400 m; a boundary's particles are 4000^-1/2 of them.
         assert pos["1 h"][name] == pytest.approx(value, abs=0.006)
@@ -453,13 +453,13 @@ def test_a_pattern_that_drifts_with_its_datum_finds_what_it_finds_on_still_water
 
 @pytest.mark.parametrize("behaviour", ["strand", "slide", "refloat"])
 def test_what_a_bent_way_meets_of_the_shore_does_not_depend_on_the_step(tmp_path: Path, behaviour: str) -> None:
-    """A spit that only the bend of the way reaches: shares ashore, and where the rest is, at the longest step and at a minute."""
+    """A spit that only the bend of the way reaches: shares ashore, and where the rest is, at the longest step and at three minutes."""
     # An island south-east of where the way turns between 03:00 and 04:00, a kilometre off the chord of that hour.
     ring = [[-39.912, 39.891], [-39.898, 39.889], [-39.897, 39.8985], [-39.904, 39.9], [-39.912, 39.891]]
     (tmp_path / "land.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
     key = f'behaviour = "{behaviour}"' + ('\nhalf_life = "3 h"' if behaviour == "refloat" else "")
     found = {}
-    for step in ("10 min" if behaviour == "slide" else "1 h", "1 min"):
+    for step in ("10 min" if behaviour == "slide" else "1 h", "3 min"):
         result = drift.run(drift.load(written(tmp_path, step=step, coast='"land.geojson"', behaviour=key)))
         last = result.forecast.data.isel(time=-1)
         found[step] = result.summary["account"]["ashore"], float(last["mean_lon"]), float(last["mean_lat"])
@@ -488,13 +488,13 @@ def slid(folder: Path, step: str, *changes: tuple[str, str]) -> tuple[np.ndarray
 
 
 def test_the_step_is_chosen_for_what_slides_too(tmp_path: Path) -> None:
-    """Corners passed by particles that slide, at steps of a minute, the chosen one and the longest; a longer one is refused."""
+    """Corners passed by particles that slide, at steps of three minutes, the chosen one and the longest; a longer one is refused."""
     often = ('every = "7 h"', 'every = "15 min"')
     with pytest.raises(
         drift.UserError, match=r"3600 s is longer than what sliding allows .*, 600 s: .*give at most that"
     ):
         slid(tmp_path, "1 h", often)
-    fine = slid(tmp_path, "1 min", often)
+    fine = slid(tmp_path, "3 min", often)
     off = {step: sphere.distance(*fine, *slid(tmp_path, step, often)) for step in ("auto", "10 min")}
     # The error of a step, which is of first order where corners are passed, is twice what halving it tells: 20 m a day.
     assert np.percentile(off["auto"], 95, axis=1).max() < 40
@@ -503,11 +503,11 @@ def test_the_step_is_chosen_for_what_slides_too(tmp_path: Path) -> None:
 
 
 def test_what_slides_and_walks_is_where_it_is_at_any_step(tmp_path: Path) -> None:
-    """With a random walk: the mean place after each hour at steps of a minute and of ten, other noise in each."""
+    """With a random walk: the mean place after each hour at steps of three minutes and of ten, other noise in each."""
     walk = 'uncertainty = { current = "none", wind = "none", diffusivity = "0.5 m2/s" }'
     changes = ('uncertainty = "none"', walk), ('every = "7 h"', 'every = "1 h"'), ("4000", "20_000")
     middle = np.radians([-39.9, 39.9])
-    places = [np.stack(sphere.offset(*middle, *slid(tmp_path, step, *changes))) for step in ("1 min", "10 min")]
+    places = [np.stack(sphere.offset(*middle, *slid(tmp_path, step, *changes))) for step in ("3 min", "10 min")]
     apart = np.diff([place.mean(axis=-1) for place in places], axis=0)
     error = np.sqrt(sum(place.var(axis=-1) for place in places) / 20_000)
     assert np.abs(apart / error).max() < 3.5  # of 16 means

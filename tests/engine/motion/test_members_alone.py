@@ -5,7 +5,9 @@ debris must not notice it.
 """
 
 import json
+from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -75,8 +77,17 @@ sweep_width = "3 nmi"
 """
 
 
-def moved(folder: Path, current: str, wind: str, more: str = "") -> tuple[Ensemble, SearchFilter | None]:
-    """Return the ensemble at the end, and the filter."""
+@dataclass(frozen=True)
+class Run:
+    """The ensemble at the end, logs of weights after the sortie and before the contact, and the filter."""
+
+    ensemble: Ensemble
+    searched: Array
+    search: SearchFilter | None
+
+
+def moved(folder: Path, current: str, wind: str, more: str = "") -> Run:
+    """Return a run of CASE."""
     ring = [[5.6, 59.0], [6.4, 59.0], [6.4, 61.0], [5.6, 61.0], [5.6, 59.0]]
     land = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
     (folder / "land.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [land]}))
@@ -85,9 +96,9 @@ def moved(folder: Path, current: str, wind: str, more: str = "") -> tuple[Ensemb
     begin = run_setup.prepare(case, run_setup.open_for(case))
     search = run_setup.search(case, begin)
     with closing(begin.scene.forcing):
-        for _ in simulate.run(begin.ensemble, begin.scene, begin.clock, np.array([18 * 3600]), search=search):
-            pass
-    return begin.ensemble, search
+        times = np.array([10 * 3600, 18 * 3600])
+        after, _ = simulate.run(begin.ensemble, begin.scene, begin.clock, times, search=search)
+    return Run(begin.ensemble, after.log_weight, search)
 
 
 def typed(constants: tuple[str, ...]) -> str:
@@ -101,52 +112,60 @@ def states(ensemble: Ensemble) -> dict[str, Array]:
     }
 
 
-@pytest.mark.parametrize("one_wind", [False, True], ids=["both", "current alone"])
-def test_drifting_and_steering_are_those_of_the_member_alone(tmp_path: Path, one_wind: bool) -> None:
-    wind = f"constant = {AIR[0]}" if one_wind else typed(AIR)
-    together, _ = moved(tmp_path, typed(FLOW), wind)
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, list[Run]]:
+    """Return the run in all members, and those in each member alone, with debris and a pattern."""
+    folder = tmp_path_factory.mktemp("members")
+    each = [
+        moved(folder, f"constant = {f}", f"constant = {a}", SORTIE + CONTACT) for f, a in zip(FLOW, AIR, strict=True)
+    ]
+    return moved(folder, typed(FLOW), typed(AIR), SORTIE + CONTACT), each
+
+
+def same_as_alone(together: Ensemble, alone: Sequence[Ensemble]) -> None:
+    """Assert that each particle ends as it does in its member alone."""
     member = members.member_of_particles(together)
     assert member is not None
     assert np.bincount(member).tolist() == [200] * 3
-    for k, (flow, air) in enumerate(zip(FLOW, AIR, strict=True)):
-        alone, _ = moved(tmp_path, f"constant = {flow}", f"constant = {AIR[0] if one_wind else air}")
+    for k, one in enumerate(alone):
         for name, values in states(together).items():
-            np.testing.assert_array_equal(
-                values[member == k], alone.columns[name].to_numpy()[member == k], err_msg=name
-            )
-    assert len(np.unique(together.status.to_numpy())) > 1  # some have been ashore
+            np.testing.assert_array_equal(values[member == k], one.columns[name].to_numpy()[member == k], err_msg=name)
 
 
-def test_debris_drifts_in_the_member_of_its_object(tmp_path: Path) -> None:
-    together, search = moved(tmp_path, typed(FLOW), typed(AIR), CONTACT)
-    assert search is not None
-    (beside,) = search._debris.values()
-    member = members.member_of_particles(beside.ensemble)
-    assert member is not None
-    np.testing.assert_array_equal(member, members.member_of_particles(together))
-    for k, (flow, air) in enumerate(zip(FLOW, AIR, strict=True)):
-        _, other = moved(tmp_path, f"constant = {flow}", f"constant = {air}", CONTACT)
-        assert other is not None
-        (alone,) = other._debris.values()
-        for name, values in states(beside.ensemble).items():
-            own = alone.ensemble.columns[name].to_numpy()
-            np.testing.assert_array_equal(values[member == k], own[member == k], err_msg=name)
+def test_drifting_and_steering_are_those_of_the_member_alone(runs: tuple[Run, list[Run]]) -> None:
+    together, alone = runs
+    same_as_alone(together.ensemble, [run.ensemble for run in alone])
+    assert len(np.unique(together.ensemble.status.to_numpy())) > 1  # some have been ashore
 
 
-def test_a_pattern_drifts_with_the_water_of_each_member(tmp_path: Path) -> None:
+def test_members_of_the_current_alone(tmp_path: Path) -> None:
+    alone = [moved(tmp_path, f"constant = {flow}", f"constant = {AIR[0]}").ensemble for flow in FLOW]
+    same_as_alone(moved(tmp_path, typed(FLOW), f"constant = {AIR[0]}").ensemble, alone)
+
+
+def test_debris_drifts_in_the_member_of_its_object(runs: tuple[Run, list[Run]]) -> None:
+    found = []
+    for run in (runs[0], *runs[1]):
+        assert run.search is not None
+        (beside,) = run.search._debris.values()
+        found.append(beside.ensemble)
+    same_as_alone(found[0], found[1:])
+    member = members.member_of_particles(found[0])
+    np.testing.assert_array_equal(member, members.member_of_particles(runs[0].ensemble))
+
+
+def test_a_pattern_drifts_with_the_water_of_each_member(runs: tuple[Run, list[Run]]) -> None:
     """A square about a datum that drifts: each particle is missed as in its member alone, adrift or under way.
 
     Weights differ by the same prior for all of a scenario: single precision of their logarithms, about 10, twice.
     """
-    together, _ = moved(tmp_path, typed(FLOW), typed(AIR), SORTIE)
-    member, weight = members.member_of_particles(together), together.log_weight.to_numpy()
+    member, weight = members.member_of_particles(runs[0].ensemble), runs[0].searched
     assert member is not None
     seen = np.zeros(3)
-    for k, (flow, air) in enumerate(zip(FLOW, AIR, strict=True)):
-        alone, _ = moved(tmp_path, f"constant = {flow}", f"constant = {air}", SORTIE)
-        for first, last in alone.scenarios:
+    for k, alone in enumerate(runs[1]):
+        for first, last in alone.ensemble.scenarios:
             own = np.flatnonzero(member[first:last] == k) + first
-            lost = alone.log_weight.to_numpy()[own] - alone.log_weight.to_numpy()[own].max()
+            lost = alone.searched[own] - alone.searched[own].max()
             assert weight[own] - weight[own].max() == pytest.approx(lost, abs=4e-6)
             seen[k] = max(seen[k], -lost.min())
     assert (seen > 0.2).all()  # it was there in each

@@ -104,6 +104,7 @@ def plane(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
     return np.column_stack(sphere.offset(np.radians(LON), np.radians(LAT), lon, lat))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CLASSES)
 def test_a_class_spreads_as_opendrifts(name: str, spreads: dict[str, np.ndarray]) -> None:
     """Means by Hotelling's test, covariances within 4.5 standard errors, energy distance by permutation (each about 1e-4).

@@ -146,7 +146,7 @@ def test_a_watch_and_an_area_on_a_bridge(tmp_path: Path) -> None:
     )
     import shapely
 
-    n, paths, dt = 8_000, 6_000, 30.0
+    n, paths, dt = 8_000, 6_000, 60.0
     box = shapely.Polygon(plane(*np.transpose(ring)).T)
     shapely.prepare(box)
     share, inside, steps = np.zeros(paths), np.zeros(paths), round(3.5 * HOUR / dt)
@@ -248,7 +248,7 @@ def test_presence_and_barriers_on_a_bridge(tmp_path: Path) -> None:
     """
     import shapely
 
-    n, paths, dt, begin, end = 8_000, 6_000, 9.0, 18.5, 21.25
+    n, paths, dt, begin, end = 8_000, 4_000, 15.0, 18.5, 21.25
     path = np.stack(list(wander(np.random.default_rng(31), paths, begin, end, dt)), axis=-1)
     moved = 0.5826 * K * np.sqrt(dt)
     place = (-38.2, 30.42)

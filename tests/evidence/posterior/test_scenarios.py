@@ -16,6 +16,7 @@ from drift.evidence.posterior.records import Posteriors
 from drift.pipeline.result import Result
 from drift.products.maps.imprint import Imprint, Setting
 
+PAINTS = False  # but for one test
 CASE = """
 title = "A few stories"
 start = "2026-11-21T00:00Z"
@@ -112,6 +113,7 @@ def test_the_summary_and_the_terminal(run: tuple[Result, Path]) -> None:
     assert sum(values.values()) == pytest.approx(1)
 
 
+@pytest.mark.usefixtures("painted")
 def test_the_picture_is_drawn_however_long_names_are(run: tuple[Result, Path], tmp_path: Path) -> None:
     ranked = ranking.ranking_of(posteriors(run))
     assert ranked is not None

@@ -211,10 +211,10 @@ def _in_strip(width):
 
 
 @pytest.mark.parametrize(("k", "exact"), [(12, 5.576e-4), (24, 0.1537)])
-@pytest.mark.parametrize("steps", [25, 100, pytest.param(500, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("steps", [25, pytest.param(100, marks=pytest.mark.thorough)])
 def test_a_bridge_crosses_a_line_with_the_probability_of_equation_10(k: int, exact: float, steps: int) -> None:
     """323 nmi off the equator at the begin, 167 nmi at the end, 100 h apart; the time of the touch as equation 11 has it."""
-    n, wanders, end = 30_000 if steps < 500 else 10_000, k * NMI / 60, 100 * 3600.0
+    n, wanders, end = 30_000, k * NMI / 60, 100 * 3600.0
     random = np.random.default_rng(k + steps)
     time = np.linspace(0, end, steps + 1)
     path = np.zeros((n, steps + 1, 2))
@@ -244,7 +244,7 @@ def test_a_report_finds_the_first_touch_in_time() -> None:
     where, corners, spread, _ = KINDS[observe.LINE]
     tau, error = 2.4 * 3600, 900.0
     where = sensor(30 * NMI, tau=tau, error=error)
-    path = walks(25_000, 12, spread, seed=77)
+    path = walks(12_000, 12, spread, seed=77)
     fits = [
         told(observe.LINE, path[:, ::every], HOURS, where, corners, besides=observe.REPORT)[:, 1].astype(float)
         for every in (4, 2, 1)
@@ -255,7 +255,7 @@ def test_a_report_finds_the_first_touch_in_time() -> None:
         apart = seen - drawn
         assert abs(apart.mean()) < 3 * apart.std() / math.sqrt(len(apart)) + 0.003 * drawn.mean()
     # the times themselves, from paths in steps of 7 s
-    fine = walks(3_000, 3072, spread, seed=78)
+    fine = walks(1_500, 3072, spread, seed=78)
     at = crossings(fine, BENT)
     first = np.where(at.any(axis=1), (at.argmax(axis=1) + 0.5) * HOURS * 3600 / 3072, -1.0)
     own = told(observe.LINE, fine[:, ::768], HOURS, where, corners, besides=observe.WHEN)[:, 2].astype(float)

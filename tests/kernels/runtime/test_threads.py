@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import drift
+from drift.apps.cli import cards, commands
 from drift.forecast.products import chapter
 from geo.errors import UserError
 from kernels.runtime import runtime
@@ -60,9 +61,8 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "small.toml"
 
 
-@pytest.mark.parametrize(
-    "program", [pytest.param(AT_ONCE, id="threads"), pytest.param(ASYNC, id="asyncio", marks=pytest.mark.thorough)]
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("program", [pytest.param(AT_ONCE, id="threads"), pytest.param(ASYNC, id="asyncio")])
 def test_threads_of_a_program_run_cases_one_after_another(path: Path, program: str) -> None:
     """Whether Taichi was started by the main thread or by neither; the maps are those of the main thread, bit for bit."""
     made = subprocess.run([sys.executable, "-c", HEAD + program, str(path)], capture_output=True, text=True)
@@ -113,6 +113,20 @@ sys.exit(commands.main(sys.argv[1:]))
 """
 
 
+def test_more_threads_than_cores_are_announced_before_the_run(
+    path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def stop(*_: object) -> None:
+        raise UserError("stopped here")
+
+    monkeypatch.setattr(cards, "start", stop)
+    assert commands.main(["run", str(path), "--threads", str(runtime.cores() + 1)]) != 0
+    first, *_ = capsys.readouterr().err.splitlines()
+    cores = runtime.cores()
+    assert first == f"drift: --threads {cores + 1}: runs on {cores}, all the cores it may use here"
+
+
+@pytest.mark.thorough
 def test_more_threads_than_cores_are_capped_with_a_word(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -42,6 +42,7 @@ PLACES = ((-0.03, 0.02), (0.05, -0.04))  # [deg] of the two scenarios
 WEIGHTS = (0.7, 0.3)
 SLOPES = (0.03, 0.04)  # of the object, and of its debris
 D, ERROR = 10.0, 200.0
+TINY = 0.0001  # [m/s] in place of no error, so that all move by one kernel: 4 m in the 12 hours
 
 
 def text_of(particles, current, bias, wind, release):
@@ -154,11 +155,11 @@ def held_to(at, weight, bounds, exact, evidence, shares):
 @pytest.mark.parametrize(
     ("errors", "clocked"),  # str: the case as it is
     [
-        ((0.3, 0.0, 0.0, 300.0), str),
-        ((0.0, 0.0, 0.0, 15_000.0), str),
-        ((0.02, 0.0, 9.0, 300.0), str),
-        ((0.0, 0.4, 0.0, 500.0), str),
-        ((0.3, 0.0, 0.0, 300.0), rows_between_steps),
+        ((0.3, TINY, TINY, 300.0), str),
+        ((TINY, TINY, TINY, 15_000.0), str),
+        ((0.02, TINY, 9.0, 300.0), str),
+        ((TINY, 0.4, TINY, 500.0), str),
+        ((0.3, TINY, TINY, 300.0), rows_between_steps),
     ],
     ids=["current", "release", "wind", "bias", "cut steps"],
 )
@@ -275,17 +276,17 @@ def test_shards_and_resampling(tmp_path):
 
 
 def test_land_in_the_prior_and_on_the_way(tmp_path):
-    """Releases stay in water; the scenario keeps its probability; against as many more particles, unguided."""
+    """Releases stay in water; the scenario keeps its probability; against four times as many particles, unguided."""
     shore = '{"type": "Polygon", "coordinates": [[[0.0, -1], [0.03, -1], [0.03, 0.1], [0.0, 0.1], [0.0, -1]]]}'
     (tmp_path / "land.geojson").write_text(shore)
     errors = (0.15, 0.0, 0.0, 4000.0)
     text = text_of(5000, *errors).replace('source = "none"', 'source = "land.geojson"')
     find = find_text("oar", 16_000.0, 14_000.0).replace(f"{ERROR} m", "900 m")
     *_, guided, guide = run_of(tmp_path, text + find)
-    *_, plain, none = run_of(tmp_path, text.replace("5000", "50000") + find + "guide = false\n")
+    *_, plain, none = run_of(tmp_path, text.replace("5000", "20000") + find + "guide = false\n")
     assert (guide is None, none) == (False, None)
     (one,), (other,) = guided.all, plain.all
-    assert one.ess_after > 2 * other.ess_after / 10
+    assert one.ess_after > 2 * other.ess_after / 4
     error = math.sqrt(1 / one.ess_after + 1 / other.ess_after)
     assert one.log_evidence[-1] == pytest.approx(other.log_evidence[-1], abs=4 * error)
     assert one.posterior[0] == pytest.approx(other.posterior[0], abs=2 * error)

@@ -97,16 +97,11 @@ FEW = {
 @pytest.mark.parametrize(
     ("sonar", "step"),
     [
-        (array(*PLACES), 5),
-        pytest.param(array(*PLACES), 30, marks=pytest.mark.thorough),
+        pytest.param(array(*PLACES), 5, marks=pytest.mark.thorough),
         (array(*PLACES), 60),
         (array(*PLACES[:2], radials=RADIALS + 5, around=AROUND + 10, **FEW), 30),
-        pytest.param(array(*PLACES[:2]), 30, marks=pytest.mark.thorough),
-        pytest.param(array(radials=RADIALS + 5), 30, marks=pytest.mark.thorough),
-        pytest.param(array(around=AROUND + 10), 30, marks=pytest.mark.thorough),
-        pytest.param(array(**FEW), 30, marks=pytest.mark.thorough),
     ],
-    ids=["5 min", "30 min", "60 min", "all others", "two places", "radials from 5", "noise from 10", "few gains"],
+    ids=["5 min", "60 min", "all others"],
 )
 def test_an_array_that_turns_past_what_is_at_rest(tmp_path: Path, sonar: Sonar, step: int) -> None:
     """Two legs, gains by side, noise by bearing and time, losses by place, bearing and range."""
@@ -247,7 +242,7 @@ def targets(ran: sonars.Ran, sonar: Sonar) -> Callable[[float], tuple[np.ndarray
     return at
 
 
-@pytest.mark.parametrize("step", [*(pytest.param(step, marks=pytest.mark.thorough) for step in (5, 30)), 10, 60])
+@pytest.mark.parametrize("step", [pytest.param(10, marks=pytest.mark.thorough), 60])
 def test_what_moves_past_a_sonar(tmp_path: Path, step: int) -> None:
     """What drifts, is released late, keeps a course, bends, arrives, and goes adrift while it is listened for."""
     sonar = array(at=STEAD, heading=205.0, levels=LEVELS, unknown=0.0)
@@ -324,7 +319,7 @@ def mean_over(unknown: float, likelihood: Callable[[float], np.ndarray]) -> np.n
     return np.asarray(found)
 
 
-@pytest.mark.parametrize("share", [*(pytest.param(share, marks=pytest.mark.thorough) for share in (0.5, 1.5)), 1.0])
+@pytest.mark.parametrize("share", [pytest.param(1.5, marks=pytest.mark.thorough), 1.0])
 def test_watches_and_looks_share_an_unknown(tmp_path: Path, share: float) -> None:
     """Two watches and two looks of two sonars of a group, and a sonar of another: one mean over each group's unknown.
 
@@ -406,12 +401,12 @@ bridge = { k = "6 nmi/sqrt(h)", points = [
 """
 
 
-@pytest.mark.parametrize(("many", "draws"), [(2000, 500), pytest.param(6000, 1500, marks=pytest.mark.thorough)])
-def test_bridges_are_heard_alike_at_all_steps(tmp_path: Path, many: int, draws: int) -> None:
+def test_bridges_are_heard_alike_at_all_steps(tmp_path: Path) -> None:
     """Mean POD of steps within 2 %, beside 3 standard errors, and within 4 % of that of paths in NumPy, told each minute.
 
     Both leave out what a path does between: the run where it strays by less than the 2 km between ranges of the table.
     """
+    many, draws = 2000, 500
     sonar = array(at=STEAD, heading=205.0, levels={"smuggler": 137.0})
     found = [
         1 - np.exp(run(tmp_path, BRIDGE + sonar.text(tmp_path) + WATCH, particles=many, step=step).said)
@@ -449,7 +444,6 @@ def test_bridges_are_heard_alike_at_all_steps(tmp_path: Path, many: int, draws: 
 @pytest.mark.parametrize(
     ("method", "across"),
     [
-        pytest.param("systematic", "false", marks=pytest.mark.thorough),
         pytest.param("kahn", "false", marks=pytest.mark.thorough),
         ("systematic", "true"),
     ],
@@ -459,11 +453,11 @@ def test_resampling_keeps_what_has_been_heard(tmp_path: Path, method: str, acros
     text = everything(tmp_path)
     text += '[[look]]\nname = "y"\ntime = "+2.1 h"\nsees = "something"\n'
     text += 'at = [-30.2, 36.0]\nradius = "14 nmi"\nfalse_alarms = 0.05\n'
-    plain = run(tmp_path, text, particles=4000)
+    plain = run(tmp_path, text, particles=2000)
     anew = run(
         tmp_path,
         text + f'[resampling]\nmethod = "{method}"\nbelow = 0.9\nacross_scenarios = {across}\n',
-        particles=4000,
+        particles=2000,
     )
     assert any(update.resampled for update in anew.updates.all)
     found, exact = (sum(update.log_evidence[:4] for update in ran.updates.all) for ran in (anew, plain))

@@ -53,7 +53,7 @@ behaviour = {{ fastest = "32 kn", acts = ["3 min", "15 min"], change = 0.25, see
     for k, (time, place, toward, wedge, near, far) in enumerate(CONTACTS)
 )
 PRIOR = np.array([2.0, 1.5, 1.0]) / 4.5
-N = 80_000
+N = 20_000
 
 
 def patrol(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -132,7 +132,7 @@ def boxes() -> list[tuple[np.ndarray, np.ndarray]]:
     return [moved(rng, story) for story in ("keeps on", "flees", "seeks")]
 
 
-@pytest.mark.parametrize("step", [pytest.param(120, marks=pytest.mark.thorough), 600, 1800])
+@pytest.mark.parametrize("step", [pytest.param(120, marks=pytest.mark.thorough), 1800])
 def test_stories_are_weighed_as_brute_force_weighs_them(
     step: int, boxes: list[tuple[np.ndarray, np.ndarray]], tmp_path: Path
 ) -> None:
@@ -150,4 +150,5 @@ def test_stories_are_weighed_as_brute_force_weighs_them(
             sum(expected[j] ** 2 * variance[j] for j in range(3) if j != i) for i in range(3)
         ]))  # fmt: skip
         assert (np.abs(got - expected) < 4 * error).all(), (got, expected, error)
+        print(error)
         assert (error < 0.012).all()
