@@ -11,14 +11,12 @@ import pytest
 import small_case
 import spills
 import xarray as xr
-from plans import few_trials  # noqa: F401 (a fixture)
 from scipy import stats
 
 import drift
 from drift.apps.cli import commands as cli
 from drift.assess.compare import chapter, figures, pairing, report, text, units
 from drift.assess.compare.maps import maps
-from drift.assess.compare.record import Contrast
 from drift.assess.compare.units import GROUPS, Units
 from drift.engine.particles.snapshot import Snapshot
 from drift.engine.particles.status import Status
@@ -58,13 +56,7 @@ def case_of(folder: Path, text: str, name: str = "trial", **changes: object) -> 
 
 @pytest.fixture(scope="module")
 def search(tmp_path_factory: pytest.TempPathFactory) -> drift.Case:
-    return case_of(tmp_path_factory.mktemp("search"), SEARCH, particles=1000)
-
-
-@pytest.fixture(scope="module")
-def found(search: drift.Case) -> Contrast:
-    """Return the search against one with another prior and another wind."""
-    return drift.compare(search, drift.vary(search, {"scenario.0.position.std": "2 nmi", "wind.0.constant.from": 200}))
+    return case_of(tmp_path_factory.mktemp("search"), SEARCH, particles=3000)
 
 
 def test_a_case_against_itself_is_zero_in_every_number(search: drift.Case) -> None:
@@ -82,7 +74,8 @@ def test_a_case_against_itself_is_zero_in_every_number(search: drift.Case) -> No
     np.testing.assert_allclose(found.data["probability_a"].sum(("lat", "lon")), 1.0, atol=1e-5)
 
 
-def test_differences_are_a_table_with_units(found: Contrast) -> None:
+def test_differences_are_a_table_with_units(search: drift.Case) -> None:
+    found = drift.compare(search, drift.vary(search, {"scenario.0.position.std": "2 nmi"}))
     table = found.differences
     assert list(table) == ["time", "quantity", "name", "unit", "a", "b", "difference", "standard_error"]
     assert set(table["unit"]) == {"1", "m", "m2"}
@@ -93,9 +86,9 @@ def test_differences_are_a_table_with_units(found: Contrast) -> None:
     assert (areas["standard_error"] > 0).all()
 
 
-def test_runs_are_those_of_drift_run(search: drift.Case, found: Contrast) -> None:
+def test_runs_are_those_of_drift_run(search: drift.Case) -> None:
     """A is not changed by what it is compared with: its particles, weights and POS are those of its run alone."""
-    alone = drift.run(search)
+    alone, found = drift.run(search), drift.compare(search, drift.vary(search, {"wind.0.constant.from": 200}))
     for name in ("mean_lon", "mean_lat", "status_probability", "scenario_probability"):
         own, other = (result.forecast.data[name].values for result in (alone, found.a))
         np.testing.assert_allclose(own, other, rtol=0, atol=1e-12)
@@ -121,7 +114,7 @@ def test_weights_of_scenarios_alone_change_what_they_say(search: drift.Case) -> 
     """B keeps A's slots whatever its weights are: before anything is seen the difference is exact, and has no error."""
     b = drift.vary(search, {"scenario.0.weight": 0.2, "scenario.1.weight": 0.8})
     paired = pairing.paired(search, b)
-    assert paired[0].counts == paired[1].counts == (700, 300)
+    assert paired[0].counts == paired[1].counts == (2100, 900)
     found = drift.compare(search, b)
     rows = {row.name: row for row in found.at(found.times[0], "scenario")}
     assert rows["raft"].difference == pytest.approx(0.5, abs=1e-6)
@@ -145,7 +138,7 @@ def test_families_count_together_where_particles_are_drawn_anew(search: drift.Ca
 
 def test_files_hold_what_was_found(search: drift.Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
-    words = ["compare", str(search.path), "--set", "particles=500", "--set-b", "wind.0.constant.speed=14 kn"]
+    words = ["compare", str(search.path), "--set", "particles=2000", "--set-b", "wind.0.constant.speed=14 kn"]
     assert cli.main([*words, "--out", str(out)]) == 0
     told = capsys.readouterr().out
     assert f"Results in {out}" in told
@@ -173,8 +166,9 @@ def test_files_hold_what_was_found(search: drift.Case, tmp_path: Path, capsys: p
     assert "nothing to compare with" in capsys.readouterr().err
 
 
-def test_the_report_says_where_the_cases_began(found: Contrast) -> None:
+def test_the_report_says_where_the_cases_began(search: drift.Case) -> None:
     """Once where they began alike, else of each; the cases of `drift compare` go through facts.setting, as maps do."""
+    found = drift.compare(search, drift.vary(search, {"scenario.0.position.at": "27 40N 088 10W"}))
     here, there = (Setting(Imprint("a"), marks=[Mark(lon, 27.5, "LKP")]) for lon in (-88.0, -88.1))
     for begun, names in (((here, here), ["it"]), ((here, there), ["A", "B"]), ((Setting(Imprint("a")),) * 2, [])):
         titles = [leaf["title"] for leaf in report.comparison_leaves(found, begun)]
@@ -249,7 +243,7 @@ def test_other_numbers_of_scenarios_are_refused(search: drift.Case) -> None:
 
 @pytest.fixture(scope="module")
 def spill(tmp_path_factory: pytest.TempPathFactory) -> drift.Case:
-    return spills.case_of(tmp_path_factory.mktemp("spill"), worlds=150, per_world=30, duration="2 d")
+    return spills.case_of(tmp_path_factory.mktemp("spill"), worlds=300, per_world=60, duration="2 d")
 
 
 def test_a_spill_against_a_search_is_refused(search: drift.Case, spill: drift.Case) -> None:
@@ -257,12 +251,12 @@ def test_a_spill_against_a_search_is_refused(search: drift.Case, spill: drift.Ca
         drift.compare(search, spill)
 
 
-def test_washup_of_spills(spill: drift.Case) -> None:
+def test_washup_of_spills(spill: drift.Case, tmp_path: Path) -> None:
     """A world's objects on a stretch in both runs: the error is that of the mean of paired worlds."""
     same = drift.compare(spill, spill)
     assert {(row.difference, row.error) for row in same.of_run} == {(0.0, 0.0)}
     b = drift.vary(spill, {"current.0.constant.speed": "0.28 m/s"})
-    found = drift.compare(spill, b)
+    found = drift.compare(spill, b, tmp_path / "out")
     washup = [result.washup for result in (found.a, found.b)]
     assert washup[0] is not None
     assert washup[1] is not None
@@ -283,7 +277,7 @@ def test_what_both_sides_are_given_is_told(spill: drift.Case, tmp_path: Path) ->
     """Finds weigh both sides of a comparison: in words, in the table and in the report; without them there is nothing to tell."""
     find = {"find": [{"name": "one", "at": [0.0, 0.05], "time": "+40 h"}]}
     patrol = {"patrol": [{"name": "first", "between": [[0.0, -0.1], [0.0, 0.1]], "time": "+30 h", "detection": 0.2}]}
-    a, b = (drift.vary(spill, {"spill.worlds": 50, **more}) for more in ({**find, **patrol}, find))
+    a, b = (drift.vary(spill, {"spill.worlds": 60, **more}) for more in ({**find, **patrol}, find))
     found = drift.compare(a, b, tmp_path / "out")
     assert found.given == ("1 find and 1 patrol", "1 find")
     words = text.comparison_facts(found)["given"]
@@ -350,9 +344,9 @@ def test_standard_errors_are_the_spread_over_seeds() -> None:
     assert checked == 6  # two statuses, two scenarios, east and north
 
 
-@pytest.mark.parametrize("seeds", [24, pytest.param(60, marks=pytest.mark.thorough)])
-def test_standard_errors_of_maps_are_the_spread_over_seeds(seeds: int) -> None:
+def test_standard_errors_of_maps_are_the_spread_over_seeds() -> None:
     """Pooled over the cells that have anything; of independent cells, of which there are tens, the ratio is nearer to 1."""
+    seeds = 60
     pairs = []
     for seed in range(seeds):
         a, b, drawn = cloud(seed)
@@ -407,29 +401,18 @@ particles = 1000
 """
 
 
-@pytest.mark.thorough
-def test_the_next_search_of_a_case_against_itself_is_the_same(
-    tmp_path: Path,
-    few_trials: None,  # noqa: F811
-) -> None:
-    a = case_of(tmp_path, SEARCH + UNIT, particles=600)
+def test_the_next_search_of_each_is_planned_and_compared(tmp_path: Path, search: drift.Case) -> None:
+    a = case_of(tmp_path, SEARCH + UNIT, particles=1500)
     same = drift.compare(a, a, plan=True)
     (row,) = [row for row in same.of_run if row.quantity == "POS of the next plan"]
     assert same.plans is not None
     assert row.a == row.b == pytest.approx(same.plans[0].pos)
     assert (row.difference, row.error) == (0.0, 0.0)
-
-
-def test_the_next_search_of_each_is_planned_and_compared(
-    tmp_path: Path,
-    search: drift.Case,
-    few_trials: None,  # noqa: F811
-) -> None:
-    a = case_of(tmp_path, SEARCH + UNIT, particles=600)
     found = drift.compare(a, drift.vary(a, {"scenario.1.position.std": "6 nmi"}), plan=True)
     (row,) = [row for row in found.of_run if row.quantity == "POS of the next plan"]
     assert found.plans is not None
     assert (row.a, row.b) == tuple(pytest.approx(plan.pos) for plan in found.plans)
+    assert row.a == pytest.approx(same.plans[0].pos)
     assert 0 < row.error < 0.02
     with pytest.raises(drift.UserError, match="has no \\[\\[unit\\]\\] to plan with"):
         drift.compare(search, search, plan=True)
