@@ -611,6 +611,7 @@ def test_a_find_where_nothing_comes_that_may_be_false_is_false(tmp_path: Path) -
     assert total(spill, "found") < 0.2
 
 
+@pytest.mark.thorough
 def test_early_particles_of_worlds_that_the_finds_rule_out(tmp_path: Path) -> None:
     """At the start only few are adrift: all of worlds that sixty finds make next to impossible."""
     given = (

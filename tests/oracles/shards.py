@@ -1,4 +1,4 @@
-"""A small case whose particles are of nine blocks, and the comparison of two runs of it."""
+"""A small case whose particles are of nine blocks, of four where it is searched, and the comparison of two runs of it."""
 
 import json
 from pathlib import Path
@@ -94,10 +94,13 @@ def case(folder: Path, *, members: bool = False) -> drift.Case:
     return drift.load(folder / "case.toml")
 
 
+FEWER = CASE.replace("particles = 30000", "particles = 9000")  # of four blocks
+
+
 def searched(folder: Path) -> drift.Case:
-    """Return the case with sorties that found nothing, and contacts."""
+    """Return the case of fewer particles with sorties that found nothing, and contacts."""
     (folder / "land.geojson").write_text(SHORE)
-    (folder / "case.toml").write_text(CASE + SEARCHED)
+    (folder / "case.toml").write_text(FEWER + SEARCHED)
     return drift.load(folder / "case.toml")
 
 

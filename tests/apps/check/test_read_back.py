@@ -47,6 +47,7 @@ sweep_width = "0.1234 nmi"
 SPILL = """
 start = "2026-11-21T18:00Z"
 duration = "6 h"
+coast = { source = "land.geojson" }
 current = [{ constant = { speed = "0.12345 m/s", toward = 90 } }]
 wind = [{ constant = { speed = "10 kn", from = 240 } }]
 [uncertainty]
@@ -61,6 +62,10 @@ windage_bias = 0.3
 current_bias = "0.0875 m/s"
 class = [{ name = "box", object = { immersion = "62.5 %" } }]
 """
+
+
+LAND = """{"type": "Feature", "properties": {}, "geometry": {"type": "Polygon",
+"coordinates": [[[5, 53], [6, 53], [6, 54], [5, 54], [5, 53]]]}}"""
 
 
 def read_back(path, case):
@@ -97,6 +102,7 @@ def test_check_reads_back(lines, line, words):
 
 def test_check_rounds_what_it_derives(tmp_path):
     """A factor from its logarithm, hours from minutes, knots from metres per second; what is stated stays."""
+    (tmp_path / "land.geojson").write_text(LAND)
     lines = read_back(tmp_path / "spill.toml", SPILL)
     assert lines["biases"].startswith("windage a factor of 1.35, current 0.0875 m/s, reporting a factor of 1 ")
     assert "0.25 m/s over 1.667 h" in lines["errors"]

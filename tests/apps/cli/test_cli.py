@@ -122,7 +122,9 @@ def test_quick_starts_import_nothing_heavy(words: tuple[str, ...]) -> None:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no SIGINT for one process")
-@pytest.mark.parametrize("delay", [0.3, 0.5, 0.8, 3.0])  # [s] while importing, while reading or drifting
+@pytest.mark.parametrize(
+    "delay", [0.3, 0.8, pytest.param(3.0, marks=pytest.mark.thorough)]
+)  # [s] while importing, while reading or drifting
 def test_interrupted_run_leaves_nothing(tmp_path: Path, delay: float) -> None:
     ready = "from drift.apps.cli import commands; print(flush=True); commands.leave()"
     words = [sys.executable, "-c", ready, "run", "overdue_boat", "--set", "particles=1_000_000", "--out", "results"]

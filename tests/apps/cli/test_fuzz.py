@@ -12,7 +12,7 @@ import pytest
 from geo.errors import UserError
 
 
-@pytest.mark.parametrize("first", [20_000, 20_040])
+@pytest.mark.parametrize("first", [pytest.param(20_000, marks=pytest.mark.thorough), 20_040])
 def test_mutated_cases_are_refused_in_lines_or_understood(first: int, tmp_path: Path) -> None:
     """Warnings are errors here: none of NumPy's reaches a user either."""
     told: dict[int, tuple[str, ...]] = {}
@@ -46,6 +46,7 @@ def test_damaged_files_are_refused_in_a_line_or_read(made: str, tmp_path: Path) 
     assert not [line for line in told if "\n" in line]
 
 
+@pytest.mark.thorough
 def test_odd_options_and_tables_are_refused_in_lines_or_understood(tmp_path: Path) -> None:
     """Two trials of each command; results that stood before an error stand after it."""
     told = []

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import small_case
 import spills
+from plans import few_trials  # noqa: F401 (a fixture)
 
 import drift
 from drift.apps.cli import commands as cli
@@ -91,7 +92,7 @@ def test_a_run_whose_map_opens_at_its_end_says_nothing_of_it(folder: Path, capsy
     assert not [name for name in found["facts"] if "map.png" in name]
 
 
-def test_a_plan(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_plan(folder: Path, few_trials: None, capsys: pytest.CaptureFixture[str]) -> None:  # noqa: F811
     status, found, _ = told(capsys, "plan", "trial.toml", "--out", "plan")
     assert status == 0
     (own,), (written,) = found["taskings"], json.loads((folder / "plan" / "plan.json").read_text())["taskings"]
@@ -110,9 +111,10 @@ def test_a_comparison(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert east["difference"] == pytest.approx(0.5 * 1852 / 3600 * 6 * 3600, abs=2)  # 0.5 kn more for six hours
 
 
+@pytest.mark.thorough
 def test_an_origin(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     find = '[[find]]\nname = "drum"\nat = [0.0, 0.05]\ntime = "+30 h"\n'
-    case = spills.case_of(folder, more=find, worlds=200, duration="2 d")
+    case = spills.case_of(folder, more=find, worlds=100, per_world=30, duration="2 d")
     status, found, _ = told(capsys, "origin", str(case.path), "--out", "origin")
     assert status == 0
     assert {"time_50", "origin"} & {*found, *found["origin"]}

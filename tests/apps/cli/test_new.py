@@ -17,7 +17,11 @@ SMALL = {"spill": ["--set", "spill.worlds=100", "--set", "duration=1 d"]}
 @pytest.mark.parametrize(
     ("story", "runs"),
     [
-        *((story, False) for story in template.TEMPLATES if story != "search"),
+        *(
+            pytest.param(story, False, marks=[pytest.mark.thorough] * (story in ("passage", "spill")))
+            for story in template.TEMPLATES
+            if story != "search"
+        ),
         *(
             pytest.param(story, True, marks=[pytest.mark.thorough] * (story != "search"))
             for story in template.TEMPLATES
@@ -34,10 +38,11 @@ def test_a_template_is_accepted_as_it_is_and_runs(
     assert "ready to run" in capsys.readouterr().out
     if not runs:
         return
-    assert cli.main(["run", f"{story}.toml", "--quiet", *SMALL.get(story, ["--set", "particles=2000"])]) == 0
+    assert cli.main(["run", f"{story}.toml", "--quiet", *SMALL.get(story, ["--set", "particles=500"])]) == 0
     assert drift.results(f"{story}-forecast")
 
 
+@pytest.mark.thorough
 def test_a_template_of_a_contact_is_tracked_and_its_path_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -49,7 +54,7 @@ def test_a_template_of_a_contact_is_tracked_and_its_path_too(
     given = Path(f"{story}.toml")
     assert cli.main(["check", str(given)]) == 0
     assert "ready to run" in capsys.readouterr().out
-    assert cli.main(["track", str(given), "--set", "particles=800"]) == 0
+    assert cli.main(["track", str(given), "--set", "particles=300"]) == 0
     assert "lost" not in capsys.readouterr().out.replace(tracking.load(given).title, "")
     assert sorted(path.name for path in Path("contact-track").iterdir()) == [
         "manifest.json", "summary.json", "track.csv", "track.gpx", "track.png", "track_areas.geojson",
@@ -62,7 +67,7 @@ def test_a_template_of_a_contact_is_tracked_and_its_path_too(
     )
     assert whole.count("# [") == 0
     given.write_text(whole)
-    assert cli.main(["track", str(given), "--set", "particles=800", "--out", "two"]) == 0
+    assert cli.main(["track", str(given), "--set", "particles=300", "--out", "two"]) == 0
     assert "path             by 2" in capsys.readouterr().out
     assert Path("two/path.gpx").exists()
 

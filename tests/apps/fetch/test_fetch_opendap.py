@@ -112,7 +112,7 @@ def test_a_subset_is_the_source_to_the_bit(
 ) -> None:
     lon, lat, box = AXES[axes]
     sea = ocean(lon, lat)
-    monkeypatch.setattr(opendap, "PART", 3_000)  # several parts
+    monkeypatch.setattr(opendap, "PART", 9_000)  # several parts
     seen: list[str] = []
     with hostile.serving(hostile.speaking_dap(sea, seen)) as address:
         got = fetched(tmp_path, address, box, protocol=protocol)
@@ -170,7 +170,7 @@ def test_what_a_part_holds_is_what_it_is_known_by(monkeypatch: pytest.MonkeyPatc
     lon, lat, box = AXES["plain"]
     sea = ocean(lon, lat)
     u = sea["u"]
-    monkeypatch.setattr(opendap, "PART", 3_000)
+    monkeypatch.setattr(opendap, "PART", 9_000)
     with hostile.serving(hostile.speaking_dap(sea)) as address:
 
         def keys(where: tuple[float, ...], begin: str, said: dict[str, object]) -> list[str]:
@@ -195,7 +195,7 @@ def test_what_a_part_holds_is_what_it_is_known_by(monkeypatch: pytest.MonkeyPatc
             assert not set(other) & set(first)
 
 
-@pytest.mark.parametrize("level", [0, 2.4, -15])
+@pytest.mark.parametrize("level", [pytest.param(0, marks=pytest.mark.thorough), 2.4, -15])
 def test_components_at_two_addresses_at_a_level(tmp_path: Path, level: float) -> None:
     """As HYCOM has them: each address holds one component, at depths of which the nearest is taken."""
     lon, lat, box = AXES["plain"]
@@ -379,7 +379,13 @@ REFUSALS = {
 }
 
 
-@pytest.mark.parametrize("kind", REFUSALS)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=[pytest.mark.thorough] * (kind in ("values fail", "values are a page")))
+        for kind in REFUSALS
+    ],
+)
 def test_each_failure_is_one_line(tmp_path: Path, kind: str) -> None:
     how, when, message = REFUSALS[kind]
     begin = time.monotonic()

@@ -19,6 +19,7 @@ from drift.apps.sensor import reach as reaching
 from geo import sphere
 from geo.errors import UserError
 
+PAINTS = False
 NMI = 1852.0
 GLOBE = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 BEARINGS, RANGES = np.arange(0.0, 360.0, 30.0), np.arange(0.0, 60.1, 0.5) * NMI
@@ -115,7 +116,10 @@ def excess(place: tuple[float, float], lon: Any, lat: Any) -> Any:
     return LEVEL - loss - (circle(NOISE, azimuth) - circle(GAIN, azimuth - HEADING)) - THRESHOLD
 
 
-@pytest.mark.parametrize("where", PLACES)
+@pytest.mark.parametrize(
+    "where",
+    [pytest.param(where, marks=[pytest.mark.thorough] * (where in ("atlantic", "north"))) for where in PLACES],
+)
 def test_the_grid_is_the_sonar_equation(tmp_path: Path, where: str) -> None:
     """Between even tables that are as fine as the ones written: to single precision of losses of about 100 dB."""
     place = PLACES[where]

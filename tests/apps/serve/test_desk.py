@@ -492,6 +492,7 @@ def test_a_case_reads_nothing_outside(served: Server, kind: str) -> None:
     assert not (served.folder / f"out-{kind}-forecast").exists()
 
 
+@pytest.mark.thorough
 def test_a_shoreline_outside_is_refused_too(served: Server) -> None:
     text = small_case.STEADY.replace('coast.source = "none"', 'coast.source = "../secret.toml"')
     job = over(served, ask_for(served, "check", "shore.toml", text))
@@ -500,6 +501,7 @@ def test_a_shoreline_outside_is_refused_too(served: Server) -> None:
 
 
 @pytest.mark.skipif(not landlock.version(), reason="this system has no Landlock")
+@pytest.mark.thorough
 def test_no_current_is_taken_from_a_file_that_a_file_names(served: Server) -> None:
     """A netCDF-4 file in the folder with its values in one outside: the kernel refuses the job what the library asks for."""
     hostile_netcdf.secret(served.folder.parent / "values.bin", "storage")
@@ -510,23 +512,23 @@ def test_no_current_is_taken_from_a_file_that_a_file_names(served: Server) -> No
 
 
 @pytest.mark.slow
-def test_a_run_tells_progress_and_ends_in_a_report(served: Server) -> None:
-    number = ask_for(served, "run", "good.toml", small_case.STEADY.replace('"trial"', f'"{NASTY}"'))
-    job = over(served, number)
-    assert (job["state"], job["out"]) == ("done", "good-forecast"), "\n".join(job["lines"])
+def test_a_run_tells_progress_and_ends_in_a_report(served: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No file is overwritten, and no module in the folder is imported.
+
+    A numpy.py among the cases would run as the user, also where the server was started there by `python -m drift`.
+    """
+    monkeypatch.syspath_prepend(str(served.folder))
+    (served.folder / "numpy.py").write_text("raise SystemExit('owned')", encoding="utf-8")
+    finished(served.folder / "good-forecast")
+    job = over(served, ask_for(served, "run", "good.toml", small_case.STEADY.replace('"trial"', f'"{NASTY}"')))
+    (served.folder / "numpy.py").unlink()
+    assert (job["state"], job["out"]) == ("done", "good-forecast-2"), "\n".join(job["lines"])
     assert job["phase"]  # it did tell
-    status, _, data = served.ask("GET", f"/runs/good-forecast/{job['key']}/report.html", Cookie=None)
+    status, _, data = served.ask("GET", f"/runs/good-forecast-2/{job['key']}/report.html", Cookie=None)
     assert (status, b"Content-Security-Policy" in data) == (200, True)
     assert NASTY.encode() not in data
-    assert (
-        next(run for run in served.json("GET", "/api/folder")["runs"] if run["name"] == "good-forecast")["kind"]
-        == "forecast"
-    )
-    again = over(
-        served,
-        served.json("POST", "/api/jobs", {"kind": "run", "case": "good.toml", "digest": job["digest"]})["number"],
-    )
-    assert again["out"] == "good-forecast-2"  # nothing is overwritten
+    told = served.json("GET", "/api/folder")["runs"]
+    assert next(run for run in told if run["name"] == "good-forecast-2")["kind"] == "forecast"
 
 
 def test_a_case_changed_after_it_was_asked_for_does_not_run(served: Server) -> None:
@@ -553,16 +555,6 @@ def test_one_run_at_a_time_and_a_cancelled_one_leaves_nothing(served: Server) ->
     assert not [
         path.name for path in served.folder.iterdir() if path.name.startswith(".") and path.name != ".hidden.toml"
     ]
-
-
-@pytest.mark.slow
-def test_modules_in_the_folder_are_not_imported(served: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A numpy.py among the cases would run as the user, also where the server was started there by `python -m drift`."""
-    monkeypatch.syspath_prepend(str(served.folder))
-    (served.folder / "numpy.py").write_text("raise SystemExit('owned')", encoding="utf-8")
-    job = over(served, ask_for(served, "check", "modules.toml", small_case.STEADY))
-    (served.folder / "numpy.py").unlink()
-    assert job["state"] == "done", job["lines"]
 
 
 def test_of_two_servers_that_save_the_same_case_one_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

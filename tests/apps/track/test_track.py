@@ -138,6 +138,7 @@ def test_a_path_is_written(contact: tuple[Regained, Path]) -> None:
 
 
 @pytest.mark.usefixtures("alone")
+@pytest.mark.thorough
 def test_the_tracker_that_goes_a_path_is_not_drawn_on_the_legs_it_leaves(
     contact: tuple[Regained, Path], tmp_path: Path
 ) -> None:
@@ -162,6 +163,7 @@ def test_the_tracker_that_goes_a_path_is_not_drawn_on_the_legs_it_leaves(
 
 
 @pytest.mark.usefixtures("alone")
+@pytest.mark.thorough
 def test_a_path_keeps_off_the_land_there_is(tmp_path: Path) -> None:
     """From Kingston round the east of Jamaica to the north: no point of the path is on land, of which the straight way has much."""
     moved = {
@@ -181,7 +183,11 @@ def test_a_path_keeps_off_the_land_there_is(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("box", "least"),
-    [(Box(15.0, 55.2, 15.35, 55.42), 5), (Box(179.8, -17.0, 180.2, -16.6), 3), (Box(11.4, 78.85, 12.4, 79.05), 3)],
+    [
+        pytest.param(Box(15.0, 55.2, 15.35, 55.42), 5, marks=pytest.mark.thorough),
+        pytest.param(Box(179.8, -17.0, 180.2, -16.6), 3, marks=pytest.mark.thorough),
+        (Box(11.4, 78.85, 12.4, 79.05), 3),
+    ],
 )  # Ertholmene, islets smaller than a cell; Fiji, across 180; Svalbard
 def test_no_path_crosses_land_from_or_to_harbours_either(box: Box, least: int) -> None:
     """Begins and ends within 400 m of the shore, by pyproj's geodesics on the full polygons, in steps of 50 m; at no more than 20 knots."""
@@ -359,7 +365,7 @@ def test_a_pursuit_that_cannot_be_is_one_line(
             "no track is held when it begins",
         ),
         # Jamaica lies between: 61 nmi straight on, 150 round its west, and an hour for it at 65 kn.
-        (
+        pytest.param(
             {
                 "pursuit.aim": "avoid",
                 "pursuit.at": "17 30N 077 10W",
@@ -369,6 +375,7 @@ def test_a_pursuit_that_cannot_be_is_one_line(
             },
             "there is no way on cells of 2.7 nmi, a quarter of a step (a shorter one has finer cells): "
             "land lies between, or it is too far for the time",
+            marks=pytest.mark.thorough,
         ),
     ],
 )
@@ -378,7 +385,7 @@ def test_a_path_that_cannot_be_leaves_the_track(
     asked = [
         "track",
         "lost_contact",
-        "--set=particles=600",
+        "--set=particles=200",
         *(f"--set={key}={value}" for key, value in changes.items()),
     ]
     assert commands.main([*asked, "--out", str(tmp_path / "out")]) == 0
@@ -416,6 +423,7 @@ title = "x"
 start = "2026-03-05T02:00Z"
 duration = "60 min"
 detections = "d.csv"
+particles = 400
 [tracker]
 at = "14N 077W"
 [[sensor]]
@@ -694,6 +702,7 @@ def test_a_plot_on_land_leaves_nothing_and_draws_nothing(tmp_path: Path) -> None
     assert files.summary_of_track(found)["drawn_anew"] == [{"time": "2026-03-05T00:20:00Z", "left": 0.0}]
 
 
+@pytest.mark.thorough
 def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     """A plot on the other side 3 minutes later needs 16 nmi less both boxes' slack, 8 nmi x hypot(0.05, 1 deg) each, in 3 min: 303 kn."""
     (tmp_path / "c.toml").write_text(DOUBTFUL, encoding="utf-8")
@@ -811,6 +820,7 @@ def test_clouds_that_disagree_on_whether_a_track_is_held_are_told() -> None:
 
 
 @pytest.mark.usefixtures("alone")
+@pytest.mark.thorough
 def test_a_tracker_that_leaps_is_told(contact: tuple[Regained, Path], tmp_path: Path) -> None:
     """One latitude ten minutes off: 10 nmi more in 5 min and back, about 144 kn where it makes 25 mostly."""
     log = (Path(drift.__file__).parents[1] / "cases" / "tracking" / "lost_contact.csv").read_text(encoding="utf-8")
@@ -827,7 +837,7 @@ title = "t"
 start = "2026-03-05T00:00Z"
 duration = "60 min"
 detections = "d.csv"
-particles = 300
+particles = 100
 land = "ignore"
 [[sensor]]
 name = "radar"
@@ -851,13 +861,13 @@ def test_a_log_that_ends_with_the_case_counts_to_its_end_with_a_path_too(tmp_pat
         (tmp_path / "d.csv").write_text(rows, encoding="utf-8")
         for more in ("", chase):
             (tmp_path / "c.toml").write_text(LOGGED + more, encoding="utf-8")
-            track = drift.track(tmp_path / "c.toml", tmp_path / "out", overwrite=True)
+            track = drift.track(tmp_path / "c.toml", tmp_path / until if more else None)
             found[until, more] = track.held.place[:-2]
             end = "050059ZMAR26" if until == "+59 min" else "050100ZMAR26"
             assert map._own(track)[1][-1] == (3540 if until == "+59 min" else 3600)  # the whole of the log is drawn
             late = f"known at its begin, 050030ZMAR26, and the tracker's log goes on until {end}: what was not seen since counts in the track alone"
             assert (late in text.track_facts(track).get("warning", "")) == bool(more)
-        told = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+        told = json.loads((tmp_path / until / "summary.json").read_text(encoding="utf-8"))
         assert told["inputs"] == f"d.csv: sha256:{hashlib.sha256(rows.encode()).hexdigest()}"
         runs.add(told["run_id"])
     for until in ("+59 min", "+60 min"):
@@ -874,6 +884,7 @@ def test_a_log_that_ends_with_the_case_counts_to_its_end_with_a_path_too(tmp_pat
 
 
 @pytest.mark.usefixtures("alone")
+@pytest.mark.thorough
 def test_a_path_does_not_change_the_track(tmp_path: Path) -> None:
     """With a log that knows the vessel to where it begins the track is the same, bit for bit, with a pursuit and without."""
     case = (Path(drift.__file__).parents[1] / "cases" / "tracking" / "lost_contact.toml").read_text(encoding="utf-8")
@@ -884,7 +895,7 @@ def test_a_path_does_not_change_the_track(tmp_path: Path) -> None:
     found = []
     for name, body in (("with", case.replace('begin = "75 min"\n', "")), ("without", case[: case.index("[pursuit]")])):
         (tmp_path / f"{name}.toml").write_text(body, encoding="utf-8")
-        found.append(drift.track(tmp_path / f"{name}.toml", changes=SMALL))
+        found.append(drift.track(tmp_path / f"{name}.toml", changes={"particles": "100"}))
     assert isinstance(found[0].chased, Chased)
     assert found[1].chased is None
     np.testing.assert_array_equal(found[0].held.place, found[1].held.place)

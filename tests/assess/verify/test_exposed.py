@@ -67,6 +67,7 @@ def shore(tmp_path):
     return Coast(str(file), "strand")
 
 
+@pytest.mark.thorough
 def test_the_mean_error_is_recovered_from_drifters_of_which_most_run_aground(shore):
     """Without the ways near the shore it is within 3.3 standard errors, 1 in 1,000; with them it is not, and leans offshore."""
     believed = records.believed(simulated(1500, 3))

@@ -106,6 +106,7 @@ def test_areas_hold_what_they_say_and_ranks_are_uniform(tmp_path):
     assert abs(ratio - 1) < 3 / math.sqrt(COUNT)
 
 
+@pytest.mark.thorough
 def test_errors_a_third_as_large_hold_what_the_closed_form_says(tmp_path):
     """A round normal law a third as wide: its area of share p holds 1 - (1 - p)^(1/9) of the true law.
 

@@ -133,6 +133,7 @@ def test_others_who_share_the_folder_can_read_the_file(land):
     assert stat.S_IMODE(file.stat().st_mode) == 0o644
 
 
+@pytest.mark.thorough
 def test_the_installed_land_is_kept_to_the_bit():
     """Of the whole Earth, as the oracles read it: it is kept at all only where it can be."""
     kept = gshhg.whole()

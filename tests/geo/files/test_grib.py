@@ -163,6 +163,7 @@ def test_grids(kind: str, along: bool, edition: int, tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.thorough
 def test_each_of_many_forecasts_in_a_wind_along_the_grid_is_the_run_of_its_case_alone(tmp_path: Path) -> None:
     parts = [one for hour in (0.0, 6.0) for one in pair(LAMBERT, along=True, hour=hour)]
     text = f"""
@@ -433,6 +434,7 @@ def test_several_fields_of_one_message(tmp_path: Path) -> None:
     np.testing.assert_allclose(source.read(0)[..., 1], v, atol=1e-5)
 
 
+@pytest.mark.thorough
 def test_nothing_is_written_beside_a_file_and_nothing_is_imported_here(tmp_path: Path) -> None:
     written(tmp_path / "a.grib", pair(REGULAR))
     code = "import sys; from geo.forcing import sources; s = sources.open_source('wind', sys.argv[1], steady=True); s.read(0); print('eccodes' in sys.modules)"
@@ -496,6 +498,7 @@ def test_damaged_bytes_never_end_the_process(tmp_path: Path) -> None:
     assert seen == {"read", "refused"}
 
 
+@pytest.mark.thorough
 def test_a_library_that_crashes_or_hangs_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(tmp_path / "a.grib", pair(REGULAR))
     raw = messages.whole(messages.split_messages(str(path))[0])

@@ -41,7 +41,9 @@ needs = pytest.mark.skipif(not landlock.version(), reason="this system has no La
 
 
 @needs
-@pytest.mark.parametrize("how", hostile_netcdf.FILES)
+@pytest.mark.parametrize(
+    "how", [pytest.param(how, marks=[pytest.mark.thorough] * (how == "storage")) for how in hostile_netcdf.FILES]
+)
 def test_no_file_that_a_netcdf_file_names_is_read(inside: Path, monkeypatch: pytest.MonkeyPatch, how: str) -> None:
     """The library reads it where the kernel does not hold the fence, and where it lies in the folder."""
     hostile_netcdf.secret(inside.parent / "secret.nc", how)

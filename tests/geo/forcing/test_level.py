@@ -192,6 +192,8 @@ def test_a_case_names_a_level_by_a_number(tmp_path: Path, capsys: pytest.Capture
     case = """
         start = "050000ZMAR24"
         duration = "2 h"
+        particles = 200
+        coast.source = "none"
         [[wind]]
         files = "aloft.nc"
         steady = true

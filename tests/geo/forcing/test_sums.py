@@ -150,7 +150,7 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[xr.Datase
     return folder, [slow, fast]
 
 
-@pytest.mark.parametrize("direction", ["forward", "backward"])
+@pytest.mark.parametrize("direction", ["forward", pytest.param("backward", marks=pytest.mark.thorough)])
 def test_a_sum_moves_as_an_integration_of_our_own_does(both: tuple[Path, list[xr.Dataset]], direction: str) -> None:
     """24 h through both grids, across the antimeridian.
 

@@ -99,6 +99,7 @@ def ends(folder: Path, files: Path, domain: str) -> Any:
     return tracks.lon, tracks.lat, tracks.status
 
 
+@pytest.mark.thorough
 def test_zeros_that_are_land_are_land_whatever_the_domain(tmp_path: Path) -> None:
     """Land is zero and a far corner is missing: two domains, one with that corner, give the same tracks.
 

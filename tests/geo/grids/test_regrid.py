@@ -51,7 +51,9 @@ def worst(source: Source, i: int) -> float:
     return float(np.abs(got - np.stack(writers.field(lon, lat, 3.0 * i), -1)).max())
 
 
-@pytest.mark.parametrize("box", [None, AREA], ids=["whole", "cropped"])
+@pytest.mark.parametrize(
+    "box", [pytest.param(None, id="whole", marks=pytest.mark.thorough), pytest.param(AREA, id="cropped")]
+)
 @pytest.mark.parametrize("kind", KINDS)
 def test_same_field_on_every_grid(kind: str, box: Box | None, tmp_path: Path) -> None:
     source = sources.open_source("current", KINDS[kind](tmp_path), box=box)

@@ -170,7 +170,7 @@ KINDS = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("box", ["whole", "the fold"])
+@pytest.mark.parametrize("box", [pytest.param("whole", marks=pytest.mark.thorough), "the fold"])
 def test_tripolar_kinds(kind: str, box: str, tmp_path: Path) -> None:
     source = sources.open_source("current", orca(tmp_path, **KINDS[kind]), steady=True, box=BOXES[box])
     check(source, BOXES[box], KINDS[kind].get("axes") == "true")

@@ -85,6 +85,7 @@ def test_two_workers_make_the_same(case: drift.Case, made: drift.Result, client:
     assert shares[-1] == 1.0
 
 
+@pytest.mark.thorough
 def test_workers_see_whether_there_is_forcing_as_the_run_begins(
     case: drift.Case, made: drift.Result, client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -164,6 +165,7 @@ def test_a_worker_that_comes_late_is_asked_too(client: Any, case: drift.Case) ->
             told.result()
 
 
+@pytest.mark.thorough
 def test_a_worker_opens_a_file_that_has_changed_again(
     client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -179,6 +181,7 @@ def test_a_worker_opens_a_file_that_has_changed_again(
         runs.same(drift.run(case, tmp_path / "out", client=client, shards=3), drift.run(case))
 
 
+@pytest.mark.thorough
 def test_the_folder_may_be_named_from_here(
     case: drift.Case, made: drift.Result, client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -187,6 +190,7 @@ def test_the_folder_may_be_named_from_here(
     runs.same(drift.run(case, "out", client=client, shards=5), made)
 
 
+@pytest.mark.thorough
 def test_workers_let_go_of_a_run_that_is_over(case: drift.Case, client: Any, tmp_path: Path) -> None:
     drift.run(case, tmp_path / "out", client=client, shards=3)
     until = time.monotonic() + 30
@@ -265,6 +269,7 @@ def test_a_worker_that_is_lost_before_it_hands_over_what_it_did(
     assert gone
 
 
+@pytest.mark.thorough
 def test_the_scheduler_is_lost_where_shards_meet(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Between two stretches of a search nothing is under way."""
     searched, check = runs.searched(tmp_path), cluster.check
@@ -408,6 +413,7 @@ def test_datasets_in_memory_stay_here(case: drift.Case, client: Any) -> None:
         drift.run(case, datasets={"x": object()}, client=client)
 
 
+@pytest.mark.thorough
 def test_workers_search(client: Any, tmp_path: Path) -> None:
     """They stop to ask how likely a doubtful contact was, and go on."""
     searched = runs.searched(tmp_path)

@@ -188,7 +188,7 @@ def moved(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return numbers
 
 
-@pytest.mark.parametrize("many", [2, pytest.param(3, marks=pytest.mark.thorough), 5])
+@pytest.mark.parametrize("many", [pytest.param(2, marks=pytest.mark.thorough), 5])
 def test_no_number_of_shards_changes_a_bit(case: drift.Case, made: drift.Result, many: int) -> None:
     same(drift.run(case, shards=many), made)
 
@@ -223,8 +223,8 @@ def test_no_more_than_a_part_is_read_at_once(
     ("behaviour", "current", "more"),
     [
         pytest.param('"strand"', CURRENT, FINDS, id="strands", marks=pytest.mark.thorough),
-        pytest.param(REFLOAT, MEMBERS, FINDS, id="members"),
-        pytest.param('"strand"', MEMBERS, "", id="no finds"),
+        pytest.param(REFLOAT, MEMBERS, FINDS, id="members", marks=pytest.mark.thorough),
+        pytest.param('"strand"', MEMBERS, "", id="no finds", marks=pytest.mark.thorough),
     ],
 )
 def test_other_coasts_and_members(tmp_path: Path, behaviour: str, current: str, more: str) -> None:
@@ -263,6 +263,7 @@ def test_no_file_differs(case: drift.Case, tmp_path: Path, capsys: pytest.Captur
 
 
 @pytest.mark.usefixtures("unwritten")
+@pytest.mark.thorough
 def test_a_run_that_was_stopped_goes_on(
     case: drift.Case,
     made: drift.Result,
@@ -295,7 +296,8 @@ def test_a_run_that_was_stopped_goes_on(
 
 
 @pytest.mark.usefixtures("unwritten")
-@pytest.mark.parametrize("number", [pytest.param(1, marks=pytest.mark.thorough), 4])
+@pytest.mark.parametrize("number", [1, 4])
+@pytest.mark.thorough
 def test_an_altered_file_of_a_round_is_made_again(
     case: drift.Case,
     made: drift.Result,
