@@ -727,8 +727,8 @@ def bayes(name: str, spacing: float, chance: Hearing) -> tuple[Array, Array, Arr
 @pytest.mark.parametrize(("name", "chance"), [("convergence_zones", zoned), ("sound_channel", by_ear)])
 def test_buoys_are_bayes_on_a_grid(name: str, chance: Hearing) -> None:
     """Mean and share of each cell of a coarse grid, within standard errors of self-normalised weights."""
-    mass, where, _ = bayes(name, 0.4, chance)
-    loaded = case_file.load(name, {"particles": "200_000", "output": '{ every = "100 d", trajectories = 1_000_000 }'})
+    mass, where, _ = bayes(name, 0.8, chance)
+    loaded = case_file.load(name, {"particles": "100_000", "output": '{ every = "100 d", trajectories = 1_000_000 }'})
     tracks = flow.run(loaded).trajectories
     places = flat(*(x[:, -1].astype(float) * 360 / 2**32 for x in (tracks.lon, tracks.lat)), (-70.0, 36.0))
     weight = tracks.weight[:, -1] / tracks.weight[:, -1].sum()

@@ -18,6 +18,8 @@ from geo.errors import UserError
 from geo.forcing.reading.kept import Kept
 from geo.grids import fill
 
+pytestmark = pytest.mark.usefixtures("coarse_maps")  # maps are held against those of a run alone, made in the same way
+
 CASE = """
 start = "2024-03-05T00:20Z"
 duration = "5 h"
@@ -100,7 +102,9 @@ def same(one: drift.Brief, alone: drift.Result) -> None:
 GRIDS = {"regular": writers.regular, "staggered": writers.roms, "triangles": writers.fvcom}
 
 
-@pytest.mark.parametrize("grid", GRIDS)
+@pytest.mark.parametrize(
+    "grid", ["staggered", *(pytest.param(g, marks=pytest.mark.thorough) for g in ("regular", "triangles"))]
+)
 def test_each_of_many_is_the_run_of_its_case_alone_to_the_bit(tmp_path: Path, grid: str) -> None:
     cases = varied(case(tmp_path, GRIDS[grid](tmp_path / "current.nc")))
     for one, own in zip(drift.run_many(cases), cases, strict=True):
@@ -127,7 +131,9 @@ OTHERS = {
 }
 
 
-@pytest.mark.parametrize("grid", OTHERS)
+@pytest.mark.parametrize(
+    "grid", [pytest.param(grid, marks=[pytest.mark.thorough] * (grid == "curvilinear")) for grid in OTHERS]
+)
 def test_and_on_whatever_grid_and_shore(tmp_path: Path, grid: str) -> None:
     lon, lat = middle()
     base = case(tmp_path, OTHERS[grid](tmp_path / "current.nc"), islands(tmp_path / "islands.geojson"))
@@ -258,6 +264,7 @@ def test_maps_of_many_come_in_order_and_are_those_of_each_alone(tmp_path: Path) 
             assert one.forecast.data.identical(drift.run(own).forecast.data)
 
 
+@pytest.mark.thorough
 def test_memory_does_not_grow_with_the_number_of_forecasts(tmp_path: Path) -> None:
     base = drift.vary(case(tmp_path, writers.regular(tmp_path / "current.nc")), {"particles": 3000})
     lon, lat = middle()

@@ -277,8 +277,9 @@ def numbers(told: Where, about: tuple[float, float]) -> tuple[list[str], Array, 
     return names, np.array(values), np.array(errors)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "hours"), [*MIDWAY.items(), *END.items()])
+@pytest.mark.parametrize(
+    ("name", "hours"), [*END.items(), *(pytest.param(*one, marks=pytest.mark.thorough) for one in MIDWAY.items())]
+)
 def test_case_is_where_a_second_opinion_says(name: str, hours: float) -> None:
     rng = np.random.default_rng([20_260_603, int(hours)])
     theirs = ORACLES[name](rng, THEIRS[name], hours)

@@ -94,8 +94,9 @@ def test_of_many_stories_the_others_stand_together_and_count_as_their_particles_
     assert found[-1].now == pytest.approx(last.probability[last.scenario < 4].sum(), abs=1e-9)
 
 
-@pytest.mark.parametrize(("weights", "east"), [([1.0, 3.0, 0.0], 20_000.0), (np.arange(1.0, 15.0), 3000.0)])
-@pytest.mark.parametrize("lon", [-60.0, 179.9])
+@pytest.mark.parametrize(
+    ("weights", "east", "lon"), [([1.0, 3.0, 0.0], 20_000.0, -60.0), (np.arange(1.0, 15.0), 3000.0, 179.9)]
+)
 def test_the_picture_is_drawn(tmp_path, weights, east, lon):
     forecast, _ = made(weights, east, lon)
     marks = [Mark(lon, 12.0, "LKP, story 0"), Mark(lon + 0.2, 12.0, "LKP, story 1")]

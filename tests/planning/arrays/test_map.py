@@ -58,7 +58,8 @@ def test_cells_that_are_filled_are_those_that_are_processed(tmp_path: Path, monk
 
 
 @pytest.mark.parametrize(
-    ("slots", "beams"), [(12, 80), (1, 1), pytest.param(300, 3, marks=pytest.mark.thorough), (2, 260)]
+    ("slots", "beams"),
+    [(12, 80), (1, 1), *(pytest.param(*one, marks=pytest.mark.thorough) for one in ((300, 3), (2, 260)))],
 )
 def test_it_is_drawn_at_any_size_and_twice_the_same(tmp_path: Path, slots: int, beams: int) -> None:
     hearing = records.hearing(table(slots, 40, beams), np.ones(40), np.arange(beams) * 4 // beams, min(6, beams))

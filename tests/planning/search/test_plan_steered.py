@@ -306,7 +306,10 @@ def mixed(m: int) -> Tracks:
     return plans.steered(time, x + 3.0 * sailed + 0.3 * time[:, None], y - 0.2 * time[:, None], turn)
 
 
-@pytest.mark.parametrize(("targets", "speed", "search"), [(strait, 9.0, 1.4), (burst, 14.0, 0.75), (mixed, 16.0, 2.4)])
+@pytest.mark.parametrize(
+    ("targets", "speed", "search"),
+    [pytest.param(strait, 9.0, 1.4, marks=pytest.mark.thorough), (burst, 14.0, 0.75), (mixed, 16.0, 2.4)],
+)
 def test_no_legs_by_hand_find_more_than_the_bound(
     targets: Callable[[int], Tracks], speed: float, search: float
 ) -> None:

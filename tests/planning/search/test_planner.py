@@ -98,6 +98,7 @@ def test_executing_a_plan_fails_as_often_as_it_said(planned: tuple[Path, Plan, d
     assert posterior[0] == pytest.approx(before[0] * miss[0] / (before[0] * miss[0] + before[1] * miss[1]), abs=1e-3)
 
 
+@pytest.mark.thorough
 def test_rounds_are_planned_on_the_failure_of_those_before(
     tmp_path: Path, planned: tuple[Path, Plan, drift.Result]
 ) -> None:

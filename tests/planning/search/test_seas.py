@@ -194,7 +194,7 @@ def boat(**more: object) -> courses.Unit:
     return courses.Unit(**{**told, **more})  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("keeps", [0.0, 200.0])
+@pytest.mark.parametrize("keeps", [pytest.param(0.0, marks=pytest.mark.thorough), 200.0])
 def test_no_metre_on_land_among_skerries(norway: np.ndarray, keeps: float) -> None:
     places = np.array([OUT, (4.75, 60.42)])
     course, _ = courses.prepare(boat(clear_of_land=keeps), lambda box: norway, places)

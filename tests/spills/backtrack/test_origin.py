@@ -237,7 +237,7 @@ def test_backward_and_forward_agree_with_the_closed_form_where_the_flow_converge
     truth = exact(SEEN)
     found = origin(case, where, None, [-1, -1], **RUN)
     mean, error, std = figures(found)
-    ahead, ahead_error = forward(case, converging(), 6000, 40)
+    ahead, ahead_error = forward(case, converging(), 2500, 40)
     monkeypatch.setattr(
         backward.advance,
         "Surroundings",

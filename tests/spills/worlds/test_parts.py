@@ -113,6 +113,7 @@ class Drawn:
             )  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_memory_does_not_grow_with_particles() -> None:
     """Three times as many worlds of 4,000: less than a byte for each particle more, where one column would take four."""
     seen = tuple(dataclasses.replace(find, kind=0) for find in SEEN if find.name != "b")
